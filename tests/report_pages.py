@@ -24,7 +24,7 @@ from studies.layout_grid.report import render
 from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.layouts.kept import Verification
-from studies.layouts.report import Section, render_report
+from studies.layouts.report import render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
@@ -67,7 +67,7 @@ def wished(design: Design) -> TargetFile:
 def search_page(width: float, height: float, *, wish: bool = False) -> str:
     """Return the page of `optimize`."""
     result = search_result(width, height, wish=wish)
-    return render_report(result.design.name, [Section(result.design.name, result)])
+    return render_report(result.design.name, {result.design.name: result})
 
 
 def grid_page(width: float, height: float) -> str:

@@ -4,7 +4,7 @@ pressures.
 Muscles on pressure channels: one each, or shared ones where there are fewer channels or pressures agree.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -69,14 +69,12 @@ class DesignSpace:
     @property
     def units(self) -> Vector:
         """Return (n,) m of positions and Pa of pressures that a variable from 0 to 1 is."""
-        _, span = self._position_range()
-        lowest, highest = self.limits.pressure
-        pressures = self.dimension - self.position_count
-        return np.concatenate([np.tile(span, self.position_count // 2), np.full(pressures, highest - lowest)])
+        return self._by_kind(self._position_range()[1], np.ptp(self.limits.pressure))
 
-    def _by_kind(self, position: float, pressure: float) -> Vector:
-        pressures = self.dimension - self.position_count
-        return np.array([position] * self.position_count + [pressure] * pressures)
+    def _by_kind(self, position: float | Vector, pressure: float) -> Vector:
+        """Return (n,) of values of a position, or of (u, v), and of a pressure."""
+        positions = np.tile(np.broadcast_to(position, 2), self.position_count // 2)
+        return np.concatenate([positions, np.full(self.dimension - self.position_count, pressure)])
 
     def encode(self, design: Design, pressures: Array) -> Vector:
         """Return (n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
@@ -173,6 +171,12 @@ def start_of(layout: Layout, space: DesignSpace) -> tuple[DesignSpace, Vector] |
     those on one channel whose pressures are nearest; None where a limit is broken."""
     grouped = _on_channels(layout, space, _nearest_groups(layout[1], space.limits.channels))
     return grouped if grouped[0].feasible(grouped[1]) else None
+
+
+def starts_of(layouts: Iterable[Layout], space: DesignSpace) -> list[tuple[DesignSpace, Vector]]:
+    """Return the same of several, without those that break a limit."""
+    starts = (start_of(layout, space) for layout in layouts)
+    return [start for start in starts if start is not None]
 
 
 def by_muscle(start: tuple[DesignSpace, Vector]) -> Layout:

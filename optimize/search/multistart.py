@@ -17,7 +17,7 @@ from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import Vector
 from optimize.search.evaluations import Evaluations, Stop
-from optimize.search.local_search import LocalSearch
+from optimize.search.local_search import LinearShape, LocalSearch
 from optimize.search.objective import Objective, Poses
 from optimize.search.search_state import FurtherStarts, SearchState, add_starts, load_state, save_state
 
@@ -123,7 +123,7 @@ def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | N
     best = evaluations.best
     if further is None or best is None:
         return False
-    at.bests.append([best.start, best.x.tolist(), best.value, best.stage])
+    at.bests.append(best.as_row())
     at.stage, at.searches = 0, []
     evaluations.restart_began = evaluations.elapsed
     add_starts(evaluations, at, further)
@@ -244,7 +244,8 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
     if evaluations.jacobians(number) is not None:
         slopes = evaluations.slopes(number, [(s.start, s.x) for s in searches])
         for local, slope in zip(searches, slopes, strict=True):
-            local.take(slope)
+            assert local.shape is not None
+            local.model = LinearShape(local.x, local.shape, slope.by_variable)
     else:
         cheap = evaluations.stages[number].slopes
         wanted = [s.lacks(known=cheap is None) for s in searches]

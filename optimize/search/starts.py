@@ -14,7 +14,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.design_space import DesignSpace, Vector, start_of
+from optimize.search.design_space import DesignSpace, Layout, Vector, start_of, starts_of
 from optimize.search.margins import Limits
 
 Side = Literal["front", "back"]
@@ -44,12 +44,12 @@ def catalogue_starts(
     from either end, of the most and of about half as many muscles, at the highest pressure and at the middle; those
     that keep the limits. Several poses have different pressures, and pull on each face alone too."""
     space = DesignSpace(design, limits, np.zeros((poses, 0)))
-    kind = next(iter(design.muscle_types.values()))
-    starts: list[Start | None] = []
+    name, kind = next(iter(design.muscle_types.items()))
+    layouts: list[Layout] = []
     for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
         gaps = (np.arange(count) + 0.5) / count - 0.5
-        starts += [
-            _start(space, _part(lines, *part), [next(iter(design.muscle_types))] * count, [side] * count, pressures)
+        layouts += [
+            (_straight(space, _part(lines, *part), [name] * count, [side] * count), pressures)
             for side in sides
             for lines in (_lines(space, gaps, angle) for angle in (0.0, np.pi / 2))
             for part in PARTS
@@ -64,8 +64,8 @@ def catalogue_starts(
                 continue
             if {muscle.side for muscle in drawn} <= set(sides):
                 levels = _levels(limits, poses, [muscle.side for muscle in drawn])
-                starts += [start_of((drawn, pressures), space) for pressures in levels]
-    return [start for start in starts if start is not None]
+                layouts += [(drawn, pressures) for pressures in levels]
+    return starts_of(layouts, space)
 
 
 def _levels(limits: Limits, poses: int, sides: Sequence[str]) -> list[Array]:
@@ -112,16 +112,13 @@ def thinned_starts(
 ) -> list[Start]:
     """Return layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel
     for each: all that there are, or `number` of them drawn by `seed`."""
-    space = DesignSpace(design, limits, pressures)
     subsets = list(combinations(range(len(design.muscles)), count))
     if len(subsets) > number:
         chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
         subsets = [subsets[i] for i in sorted(chosen)]
-    starts = []
-    for subset in subsets:
-        kept = [design.muscles[i] for i in subset]
-        starts.append(start_of((kept, pressures[:, [muscle.channel for muscle in kept]]), space))
-    return [start for start in starts if start is not None]
+    layouts = [[design.muscles[i] for i in subset] for subset in subsets]
+    by_channel = ((kept, pressures[:, [muscle.channel for muscle in kept]]) for kept in layouts)
+    return starts_of(by_channel, DesignSpace(design, limits, pressures))
 
 
 def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator) -> Start | None:
@@ -137,7 +134,7 @@ def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator)
             pressures[:] = limits.pressure[0] + rng.uniform(0.5, 1.0) * np.ptp(limits.pressure)
             if len(pressures) > 1:
                 pressures = _parts_pull(limits, len(pressures), drawn, rng)
-        start = _start(space, lines, kinds, drawn, pressures)
+        start = start_of((_straight(space, lines, kinds, drawn), pressures), space)
         if start is not None:
             return start
     return None
@@ -156,15 +153,10 @@ def _parts_pull(limits: Limits, poses: int, sides: Sequence[str], rng: Generator
     return np.where(parts, low + rng.uniform(0.5, 1.0, (poses, 1)) * (high - low), low)
 
 
-def _start(
-    space: DesignSpace, lines: Array, kinds: Sequence[str], sides: Sequence[Side], pressures: Array
-) -> Start | None:
-    """Return straight muscles with a channel each, under (poses, muscles) Pa; None where they break a limit."""
+def _straight(space: DesignSpace, lines: Array, kinds: Sequence[str], sides: Sequence[Side]) -> list[Muscle]:
+    """Return a muscle along each of (muscles, 2, 2) m."""
     pitch = _pitch(space.design)
-    muscles = [
-        Muscle(kind, side, 0, (), pitch).along(line) for kind, side, line in zip(kinds, sides, lines, strict=True)
-    ]
-    return start_of((muscles, pressures), space)
+    return [Muscle(kind, side, 0, (), pitch).along(line) for kind, side, line in zip(kinds, sides, lines, strict=True)]
 
 
 def _pitch(design: Design) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.design_space import DesignSpace, Layout, Vector, by_muscle, start_of
+from optimize.search.design_space import DesignSpace, Layout, Vector, by_muscle, start_of, starts_of
 from optimize.search.starts import PITCH, Side, Start, random_line
 
 TRIES = 40  # of a variation before it is left out
@@ -47,8 +47,7 @@ def with_corners(best: Start, corners: int) -> list[Start]:
     for a search by derivatives to move. None where no muscle may have one more."""
     muscles, pressures = by_muscle(best)
     bent = [_bent(muscle, 0.0) if len(muscle.path) - 2 < corners else muscle for muscle in muscles]
-    start = start_of((bent, pressures), best[0]) if bent != [*muscles] else None
-    return [] if start is None else [start]
+    return starts_of([(bent, pressures)] if bent != [*muscles] else [], best[0])
 
 
 def straightened(start: Start) -> Start | None:
@@ -142,15 +141,13 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
     layout, space = by_muscle(best), best[0]
     rng = np.random.default_rng(seed)
     further = count - len(layout[0])
-    starts = []
+    layouts = []
     for _ in range(number if further > 0 else 1):
         grown: Layout | None = layout
         for _ in range(further):
             grown = None if grown is None else _with_one_more(grown, space, sides, rng)
-        start = None if grown is None else start_of(grown, space)
-        if start is not None:
-            starts.append(start)
-    return starts
+        layouts += [] if grown is None else [grown]
+    return starts_of(layouts, space)
 
 
 def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
@@ -160,8 +157,8 @@ def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
         single, pressures = by_muscle(start)
         low, high = start[0].limits.pressure
         pressures[:, muscles:] = low + share * (high - low)
-        shifted.append(start_of((single, pressures), start[0]))
-    return [start for start in shifted if start is not None]
+        shifted += starts_of([(single, pressures)], start[0])
+    return shifted
 
 
 def _with_one_more(layout: Layout, space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Layout | None:
@@ -180,11 +177,10 @@ def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side],
     if muscles and rng.random() < BESIDE:
         neighbour = muscles[int(rng.integers(len(muscles)))]
         shift = SHIFT * space.size * rng.standard_normal((len(neighbour.path), 2))
-        path = np.array(neighbour.path) + shift
+        path = _path(neighbour) + shift
         kind, pitch = neighbour.type, neighbour.fixed_point_pitch
     else:
         path = random_line(space, rng)
         kind = str(rng.choice(list(space.design.muscle_types)))
         pitch = muscles[0].fixed_point_pitch if muscles else PITCH
-    drawn = Muscle(type=kind, side=side, channel=0, path=(), fixed_point_pitch=pitch)
-    return _inside(drawn, path, space)
+    return _inside(Muscle(kind, side, 0, (), pitch), path, space)

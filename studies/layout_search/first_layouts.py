@@ -3,6 +3,7 @@ fine one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
 from optimize.search.best import Stage
-from optimize.search.design_space import DesignSpace, Vector, by_muscle, start_of
+from optimize.search.design_space import DesignSpace, Vector, by_muscle, starts_of
 from optimize.search.objective import Objective
 from optimize.search.search_state import FurtherStarts
 from optimize.search.slopes import jacobians_for
@@ -101,47 +102,34 @@ def _on_fewer_channels(start: Start) -> list[Start]:
     limit."""
     if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
         return [start]
-    shared = start_of(by_muscle(start), start[0])
-    return [] if shared is None else [shared]
+    return starts_of([by_muscle(start)], start[0])
 
 
 def further_starts(study: Study) -> FurtherStarts | None:
-    """Return starts of further restarts; none where nothing can be drawn anew."""
-    limits, poses, choice = study.limits, len(study.targets), study.muscles
-    if choice is not None:
+    """Return what gives the starts of further restarts; None where nothing can be drawn anew."""
+    return partial(_drawn_anew, study) if study.muscles is not None or study.pressures else None
 
-        def added(best: Start, seed: int) -> list[Start]:
-            """Return layouts with one muscle more at a share of the pressure: what it promises shows when these are
-            screened. Of several poses each takes it pulling or idle."""
-            count = len(best[0].design.muscles)
-            if count + 1 not in choice.counts:
-                return []
-            more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
-            return [*(more if poses > 1 else []), *pulling(more, count, PULL)]
 
-        def layouts(restart: int, best: Start) -> tuple[list[Start], bool]:
-            seed, counts, sides = study.seed + 1000 * restart, choice.counts, choice.sides
-            if restart % 2:
-                corners = choice.corners if study.positions else 0
-                return [
-                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners),
-                    *with_corners(best, corners),
-                    *added(best, seed),
-                ], False
-            drawn = layout_starts(
-                study.design, limits, poses, counts=counts, sides=sides, number=LAYOUT_STARTS, seed=seed
-            )
-            return drawn, True
-
-        return layouts
-    if not study.pressures:
-        return None
-    space, _ = stated_start(study)
-
-    def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
-        return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True
-
-    return pressures
+def _drawn_anew(study: Study, restart: int, best: Start) -> tuple[list[Start], bool]:
+    """Return the starts of a restart, and whether they owe nothing to the best: by turns those near it, and others."""
+    seed, choice, poses = study.seed + 1000 * restart, study.muscles, len(study.targets)
+    if choice is None:
+        return pressure_starts(stated_start(study)[0], PRESSURE_STARTS, seed)[1:], True
+    counts, sides = choice.counts, choice.sides
+    if restart % 2 == 0:
+        limits = study.limits
+        return layout_starts(
+            study.design, limits, poses, counts=counts, sides=sides, number=LAYOUT_STARTS, seed=seed
+        ), True
+    corners, count = choice.corners if study.positions else 0, len(best[0].design.muscles)
+    drawn = variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners)
+    drawn += with_corners(best, corners)
+    if count + 1 in counts:
+        # one muscle more at a share of the pressure: what it promises shows when these are screened; of several poses
+        # each takes it pulling or idle
+        more = with_idle(best, count=count + 1, sides=sides, number=ADDITIONS, seed=seed)
+        drawn += [*(more if poses > 1 else []), *pulling(more, count, PULL)]
+    return drawn, False
 
 
 COARSE = 21  # points a side, of the simulator on which a search begins

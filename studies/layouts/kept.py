@@ -12,7 +12,7 @@ from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa
 from fabdesign.version import SIMULATOR, __version__
 from optimize.search.history import History
-from optimize.search.search_state import of_rows
+from optimize.search.search_state import of_row
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.refinement import kept_fewer
 from studies.layouts.result import StudyResult
@@ -87,7 +87,7 @@ def answer(
             or not (kept["complete"] or as_far)
         ):
             return None
-        [(space, _)] = of_rows([kept["layout"]], study.design, study.limits)
+        space, _ = of_row(kept["layout"], study.design, study.limits)
         values = {name: of_exact(kinds[name], kept[name]) for name in _KEPT}
     except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
         return None

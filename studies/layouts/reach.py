@@ -24,7 +24,7 @@ from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations
 from optimize.search.multistart import evaluations_to_converge, has_converged
 from optimize.search.objective import MEASURES, Objective
-from optimize.search.slopes import Change, Nearer, jacobians_for, what_helps
+from optimize.search.slopes import jacobians_for, what_helps
 from optimize.search.starts import Start
 from studies.layout_search.target import LoadedTarget, is_wished
 
@@ -54,23 +54,23 @@ class Missed:
 
 @dataclass(frozen=True)
 class Helps:
-    """before: m of the objective, to first order, with the variables adjusted and nothing changed; nearer: what would
-    gain, most first."""
+    """before: m of the objective, to first order, with the variables adjusted and nothing changed; nearer: m by what
+    would gain, most first."""
 
     before: float
-    nearer: tuple[Nearer, ...]
+    nearer: dict[str, float]
 
     @property
     def sentences(self) -> list[str]:
         if not self.nearer:
             return [f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."]
-        gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SHOWN]]
+        gains = [f"{gain['what']}: {gain['gain_mm']:.1f} mm" for gain in self.gains[:SHOWN]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
     @property
     def gains(self) -> list[dict[str, Any]]:
         """Return a row a change."""
-        return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
+        return [{"what": what, "gain_mm": in_mm(self.before - value)} for what, value in self.nearer.items()]
 
 
 def missed_at(shape: Array, target: LoadedTarget, size: tuple[float, float]) -> Missed:
@@ -100,13 +100,13 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
     jacobians = jacobians_for(forward, objective)
     if jacobians is None:
         return None
-    changes = [
-        Change(f"{BY:.0%} {'more' if sign > 0 else 'less'} {what}", factor(name), sign * BY)
+    changes = {
+        f"{BY:.0%} {'more' if sign > 0 else 'less'} {what}": (factor(name), sign * BY)
         for name, what in CHANGED_FACTORS.items()
         for sign in (1, -1)
-    ]
+    }
     before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), spaces_by_type(point[0]))
-    return Helps(before, tuple(change for change in nearer if before - change.value > WORTH * before))
+    return Helps(before, {what: value for what, value in nearer.items() if before - value > WORTH * before})
 
 
 def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
@@ -134,16 +134,6 @@ def spaces_by_type(space: DesignSpace) -> dict[str, DesignSpace]:
             changed = tuple(replace(muscle, type=name) for muscle in muscles)
             spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=changed))
     return spaces
-
-
-def missed_in_words(missed: Sequence[Missed]) -> list[str]:
-    """Return where the shape misses, in words."""
-    lines = []
-    for pose, miss in enumerate(missed, start=1):
-        of = f" in pose {pose}" if len(missed) > 1 else ""
-        u, v = (in_mm(x) for x in miss.place)
-        lines.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(miss.off):.1f} mm.")
-    return lines
 
 
 LEAST_GAP = 1e-3  # m over the floor from which noise does not explain it,
@@ -225,7 +215,10 @@ class Reach:
                     f"Not reached: {in_mm(self.gap):.1f} mm {over}, though no limit holds it back. "
                     "Another seed, number of muscles or kind of layout may come nearer."
                 )
-            lines += missed_in_words(self.missed) + (self.helps.sentences if self.helps else [])
+            for pose, miss in enumerate(self.missed, start=1):
+                of, where = f" in pose {pose}" if len(self.missed) > 1 else "", _around(miss.place)
+                lines.append(f"It misses the target most{of} {where}: {in_mm(miss.off):.1f} mm.")
+            lines += self.helps.sentences if self.helps else []
         elif self.lacking:
             gap = f", {in_mm(self.gap):.1f} mm {over}" if self.beyond_noise else ""
             lines.append(f"The search ended before it converged{gap}. {self.lacking.sentence}")
@@ -234,9 +227,12 @@ class Reach:
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
-                where = f"around u {in_mm(place[0]):.0f}, v {in_mm(place[1]):.0f} mm"
-                lines.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
+                lines.append(f"No real cloth takes this shape{of}: it passes through itself {_around(place)}.")
         return lines
+
+
+def _around(place: tuple[float, float]) -> str:
+    return f"around u {in_mm(place[0]):.0f}, v {in_mm(place[1]):.0f} mm"
 
 
 def reach_of(

@@ -10,7 +10,7 @@ from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Price
 from fabdesign.units import in_mm
 from optimize.search.evaluations import Evaluations
-from optimize.search.search_state import as_rows, of_rows
+from optimize.search.search_state import as_row, of_row
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
 from studies.layouts.robust_search import more_robust
@@ -51,17 +51,9 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
         return kept_fewer(study, state)
     fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
     fewer = replace(_fewest(fewer, kept_fewer(study, state), study.price), front=tuple(evaluations.reached.front))
-    state["fewer"] = {
-        "best": best.as_row(),
-        "row": as_rows([fewer.start])[0],
-        "value": fewer.value,
-        "before": fewer.before,
-        "count": fewer.count,
-        "ended": fewer.ended,
-        "cut": fewer.cut,
-        "front": fewer.front,
-        "seconds": evaluations.seconds,
-    }
+    outcome = {name: value for name, value in vars(fewer).items() if name != "start"}
+    seconds = evaluations.seconds
+    state["fewer"] = {"best": best.as_row(), "row": as_row(fewer.start), **outcome, "seconds": seconds}
     state |= evaluations.reached.rows()
     evaluations.history.save(state, evaluations.elapsed)
     return fewer
@@ -87,9 +79,9 @@ def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
     known = state.get("fewer")
     if known is None or not _may_shrink(study):
         return None
-    [start] = of_rows([known["row"]], study.design, study.limits)
+    start = of_row(known["row"], study.design, study.limits)
     front = tuple((count, value) for count, value in known.get("front", []))
-    return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
+    return Fewer(start, front=front, **{name: known[name] for name in ("value", "before", "count", "ended", "cut")})
 
 
 def made_robust(how: Scattering, evaluations: Evaluations, points: Sequence[Start]) -> tuple[list[Start], int]:
@@ -105,10 +97,10 @@ def made_robust(how: Scattering, evaluations: Evaluations, points: Sequence[Star
             tolerance=tolerance_of(how.robust, np.inf if best is None else best.value),
             going=lambda: evaluations.elapsed < study.limits.seconds,
         )
-        known = {"best": row, "row": as_rows([outcome.start])[0], "doubled": outcome.doubled}
+        known = {"best": row, "row": as_row(outcome.start), "doubled": outcome.doubled}
         state["robust"] = known | {"seconds": study.limits.seconds}
         history.save(state, evaluations.elapsed)
-    return [*of_rows([known["row"]], study.design, study.limits), *points], known["doubled"]
+    return [of_row(known["row"], study.design, study.limits), *points], known["doubled"]
 
 
 def _channels(count: int) -> str:

@@ -185,12 +185,6 @@ class StudyResult(Tabled):
         write_best(out, self.design, self.pressure, self, [t.time for t in self.targets], self.study.rise)
 
 
-def pressures_kpa(pressures: Array) -> list[Any]:
-    """Return one list of kPa for a single pose, else a list a pose."""
-    kpa = in_kpa(pressures).tolist()
-    return kpa[0] if len(kpa) == 1 else kpa
-
-
 def write_best(
     out: Path,
     design: Design,

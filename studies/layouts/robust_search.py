@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, Jacobians, corner_or_still, pressure
+from fabdesign.nouns.column import Jacobians, pressure
 from optimize.search.design_space import DesignSpace, Vector
-from optimize.search.local_search import LocalSearch
+from optimize.search.local_search import LinearShape, LocalSearch
 from optimize.search.objective import Objective, Poses
-from optimize.search.slopes import refined_jacobians
+from optimize.search.slopes import corner_column, corners_of, refined_jacobians
 from optimize.search.starts import Start
-from optimize.search.step import LinearShape
 from optimize.search.variations import doubled
 from studies.layouts.robustness import mean_and_yield
 from studies.layouts.scatter import Scatter, Scattering
@@ -54,8 +53,9 @@ class Copies:
         """Return how `shape`, that of the copies at x, changes with x. What has no derivative has none here."""
         scatter, zs = self._scatter(x)
         copies, poses, space = [scatter.copy(z) for z in zs], len(self.how.objective.targets), self.space
-        columns, pull = self._columns(), np.array([scatter.pull(z) for z in zs])  # (copies, muscles)
-        channels = [muscle.channel for muscle in space.design.muscles]
+        channels, pull = [muscle.channel for muscle in space.design.muscles], [scatter.pull(z) for z in zs]
+        levels = map(pressure, range(len(channels) * space.vary_pressures))  # a copy has a channel for each muscle
+        columns = [*map(corner_column, corners_of(space)), *levels]
         slopes = np.zeros((space.dimension, COPIES, poses, *shape.shape[1:]))
         for pose in range(poses):
             cases = [self.how.case(pose, copy) for copy in copies]
@@ -69,18 +69,6 @@ class Copies:
         slopes *= space.units[:, None, None, None, None]
         slopes[~np.isfinite(slopes)] = 0.0
         return LinearShape(x, shape, slopes.reshape(len(x), *shape.shape))
-
-    def _columns(self) -> list[Column]:
-        """Return the columns of a copy's case: corners as the space has them, and the pressure of every muscle, which
-        has a channel."""
-        muscles = self.space.design.muscles
-        corners = [
-            (m, k) for m, muscle in enumerate(muscles) for k in range(len(muscle.path)) if self.space.vary_positions
-        ]
-        return [
-            *(corner_or_still(m, k, way) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
-            *(pressure(m) for m in range(len(muscles)) if self.space.vary_pressures),
-        ]
 
 
 def descend(how: Scattering, start: Start, *, going: Callable[[], bool] = lambda: True) -> Start:

@@ -17,9 +17,9 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_targets import Robust
 from fabdesign.units import in_mm
+from optimize.search.local_search import LinearShape
 from optimize.search.objective import Poses
 from optimize.search.starts import Start
-from optimize.search.step import LinearShape
 from studies.layouts.scatter import Scatter, Scattering
 from studies.prediction.stability import copies_elsewhere
 

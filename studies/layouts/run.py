@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -14,7 +15,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, write_text
 from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
-from fabdesign.units import in_mm
+from fabdesign.units import in_kpa, in_mm
 from optimize.search.best import MARGIN
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import FINALISTS, Evaluations
@@ -24,19 +25,14 @@ from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import MEASURES, Objective
 from optimize.search.starts import Start
 from studies.intervals.draws import drawn_models, region_terms
-from studies.layout_search.first_layouts import (
-    first_starts,
-    forward_models,
-    further_starts,
-    stages_of,
-)
+from studies.layout_search.first_layouts import first_starts, forward_models, further_starts, stages_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.layouts.kept import Verification, answer, keep, study_content
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
-from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.report import render_report
+from studies.layouts.result import StudyResult, write_best
 from studies.layouts.robustness import robustness_of
 from studies.layouts.scatter import Scattering
 from studies.prediction.forward_model import forward_model, without_resistance
@@ -96,7 +92,7 @@ def _write(work: WorkFolder, result: StudyResult) -> None:
     with work.adding() as files:
         result.write(files)
         name = result.study.name
-        write_text(files / "report.html", render_report(name, [Section(name, result)]))
+        write_text(files / "report.html", render_report(name, {name: result}))
 
 
 def searched(
@@ -121,7 +117,8 @@ def searched(
         on_progress=progress,
     )
     evaluations.reached.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
-    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
+    floor = partial(_floor, study, targets)
+    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
     except KeyboardInterrupt:
@@ -160,7 +157,6 @@ def _reporting(
     """Return progress that also writes the best so far, as often as it changes, and tells, after a tenth of the
     search's limits, how far it is."""
     written: list[float] = []
-    floor = _floor(study, targets)
 
     def report(evaluations: Evaluations) -> None:
         best, shape = evaluations.best, evaluations.reached.shape
@@ -173,13 +169,13 @@ def _reporting(
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": design.muscles,
-                "pressures_kpa": pressures_kpa(pressures),
+                "pressures_kpa": in_kpa(pressures if len(pressures) > 1 else pressures[0]),
                 "stop_reason": f"unfinished: the best so far, in stage {evaluations.stages[best.stage].name}",
             }
             with work.adding() as files:
                 write_best(files, design, pressures, unfinished, [target.time for target in targets], study.rise)
         if not evaluations.message and evaluations.share >= TENTH and best is not None and shape is not None:
-            least = floor(shape)
+            least = _floor(study, targets, shape)
             over = f", {best.value / least:.2f} times the noise floor" if least > ROUNDING else ""
             evaluations.message = (
                 f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
@@ -189,13 +185,9 @@ def _reporting(
     return report
 
 
-def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[Array], float]:
+def _floor(study: Study, targets: tuple[LoadedTarget, ...], shapes: Array) -> float:
     """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
-
-    def floor(shapes: Array) -> float:
-        return MEASURES[study.objective].errors(target_errors(targets, shapes, study.design, seed=study.seed))[1]
-
-    return floor
+    return MEASURES[study.objective].errors(target_errors(targets, shapes, study.design, seed=study.seed))[1]
 
 
 def study_result(

@@ -22,9 +22,9 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Robust
 from optimize.search.design_space import DesignSpace
+from optimize.search.local_search import LinearShape
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import refined_jacobians
-from optimize.search.step import LinearShape
 from studies.prediction.forward_model import unresisted
 
 STANDARD = "standard deviations"  # unit of a column

@@ -12,7 +12,6 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.runtime.effort import CALIBRATION, TRACE, cores, fit_seconds, in_words, on_cores, rig_seconds
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
-from fabdesign.study_files.study_file import require_searchable
 from fabdesign.units import from_mm
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import LoadedTarget, load_target
@@ -78,7 +77,6 @@ def loop_in_words(study: LoopStudy) -> str:
 def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
     """Return the study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
     search = study.search
-    require_searchable(search, search.name)
     targets = tuple(load_target(target, search.design, seed=search.seed) for target in search.targets)
     if study.rig_limits.rate < float("inf") and any(target.time is not None for target in targets):
         raise InputError(

@@ -18,12 +18,12 @@ from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
+from optimize.search.local_search import LinearShape
 from optimize.search.margins import Limits
 from optimize.search.multistart import search
 from optimize.search.objective import Objective, Target
 from optimize.search.slopes import jacobians_for, slopes_of
 from optimize.search.starts import pressure_starts
-from optimize.search.step import LinearShape
 from sim import Simulator
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
