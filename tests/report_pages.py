@@ -23,7 +23,6 @@ from studies.benches.tracing import examine
 from studies.layout_grid.report import render
 from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
-from studies.layouts.kept import Verification
 from studies.layouts.report import render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import study_result
@@ -52,7 +51,7 @@ def search_result(width: float, height: float, *, wish: bool = False) -> StudyRe
         model = forward_model(AnalyticCloth(), None)
         return study_result(
             study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached",
-            verification=Verification.AT_REST,
+            verification="at rest",
         )  # fmt: skip
 
 

@@ -24,7 +24,6 @@ from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
 from studies.layout_search.first_layouts import forward_models
-from studies.layouts.kept import Verification
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import robustness_of
 from studies.layouts.run import run_study
@@ -113,7 +112,7 @@ def reach(truth: Truth, folder: Path, share: float) -> Row:
         run_study(
             replace(study, limits=replace(study.limits, evaluations=1)),
             Path(other) / "out",
-            verification=Verification.AT_REST,
+            verification="at rest",
         )
     _, row = timed(study, folder / "out")
     return row | {"truth": truth.muscles}
@@ -171,7 +170,7 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
     nominal, _ = timed(study, folder / "nominal")
     asked = Robust(copies=COPIES, choose="yield")
-    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models({})))
+    fine, coarse = (forward_model(simulator, None) for simulator in forward_models({}, study, nominal.targets))
     objective = Objective([Target(target.points, target.time) for target in nominal.targets])
     how = Scattering(replace(study, robust=asked), asked, objective, coarse)
     found = robustness_of(how, (nominal.design, nominal.pressure), fine, nominal=nominal.objective)

@@ -193,12 +193,11 @@ def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace
     low, high = space.limits.pressure
     groups: Groups = []
     for k in range(len(muscles)):
-        alike = (g for g in groups if np.all(np.abs(levels[:, k] - levels[:, g[0]]) <= SHARED * (high - low)))
-        group = next(alike, None)
-        if group is None:
-            groups.append([k])
+        alike = [g for g in groups if np.all(np.abs(levels[:, k] - levels[:, g[0]]) <= SHARED * (high - low))]
+        if alike:
+            alike[0].append(k)
         else:
-            group.append(k)
+            groups.append([k])
     return _on_channels((muscles, levels), space, groups) if len(groups) < space.channels else None
 
 

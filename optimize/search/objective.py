@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
@@ -222,7 +221,9 @@ def _faces_gradient(measured: Array, model: Array, target: Target, norm: Norm) -
     corners = surface.triangles[nearest.triangle]  # (n, 3)
     away = np.einsum("nk,nkd->nd", nearest.weights, model[corners]) - measured
     pull = (slope / np.maximum(nearest.distance, 1e-12))[:, None] * away
-    return value, _on_corners(corners, nearest.weights, pull, len(model))
+    on_corners = (nearest.weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
+    columns = [np.bincount(corners.ravel(), on_corners[:, axis], len(model)) for axis in range(3)]
+    return value, np.stack(columns, axis=1)
 
 
 def _capped_rms(distance: Array, shares: Array) -> tuple[float, Array]:
@@ -233,13 +234,6 @@ def _capped_rms(distance: Array, shares: Array) -> tuple[float, Array]:
 
 def _mean(distance: Array, shares: Array) -> tuple[float, Array]:
     return float(shares @ distance), shares
-
-
-def _on_corners(corners: NDArray[np.intp], weights: Array, pull: Array, count: int) -> Array:
-    """Return (count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
-    shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
-    columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
-    return np.stack(columns, axis=1)
 
 
 def refined(cloud: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from fabdesign.formats.json_file import plain
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import DesignSpace
@@ -43,16 +44,7 @@ def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts
 def save_state(evaluations: Evaluations, at: SearchState) -> None:
     """Write the state into the history of `evaluations`, after a round."""
     rows = [
-        [
-            s.start,
-            s.x.tolist(),
-            s.value,
-            s.radius,
-            s.rounds,
-            s.done,
-            None if s.slopes_at is None else s.slopes_at.tolist(),
-            [x.tolist() for x in s.learned],
-        ]
+        [s.start, s.x.tolist(), s.value, s.radius, s.rounds, s.done, *plain([s.slopes_at, s.learned])]
         for s in at.searches
     ]
     state = {

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -14,10 +13,10 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
+from fabdesign.study_files.study_file import MuscleChoice, Side
 from optimize.search.design_space import DesignSpace, Layout, Vector, start_of, starts_of
 from optimize.search.margins import Limits
 
-Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]
 
 TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
@@ -37,20 +36,18 @@ def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
     return [(space, first), *((space, row) for row in rows)]
 
 
-def catalogue_starts(
-    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
-) -> list[Start]:
+def catalogue_starts(design: Design, limits: Limits, poses: int, choice: MuscleChoice) -> list[Start]:
     """Return the catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it
     from either end, of the most and of about half as many muscles, at the highest pressure and at the middle; those
     that keep the limits. Several poses have different pressures, and pull on each face alone too."""
     space = DesignSpace(design, limits, np.zeros((poses, 0)))
     name, kind = next(iter(design.muscle_types.items()))
     layouts: list[Layout] = []
-    for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
+    for count in sorted({choice.most, max(choice.least, (choice.most + 1) // 2)}, reverse=True):
         gaps = (np.arange(count) + 0.5) / count - 0.5
         layouts += [
             (_straight(space, _part(lines, *part), [name] * count, [side] * count), pressures)
-            for side in sides
+            for side in choice.sides
             for lines in (_lines(space, gaps, angle) for angle in (0.0, np.pi / 2))
             for part in PARTS
             for pressures in _levels(limits, poses, [side] * count)
@@ -62,7 +59,7 @@ def catalogue_starts(
                 ).muscles
             except InputError:  # no such count, or no room for it
                 continue
-            if {muscle.side for muscle in drawn} <= set(sides):
+            if {muscle.side for muscle in drawn} <= set(choice.sides):
                 levels = _levels(limits, poses, [muscle.side for muscle in drawn])
                 layouts += [(drawn, pressures) for pressures in levels]
     return starts_of(layouts, space)
@@ -84,7 +81,7 @@ def _faces(sides: Sequence[str]) -> list[NDArray[np.bool_]]:
 
 
 def layout_starts(
-    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side], number: int, seed: int
+    design: Design, limits: Limits, poses: int, choice: MuscleChoice, *, number: int, seed: int
 ) -> list[Start]:
     """Return up to `number` drawn layouts on the design's cloth, each with a channel of its own for every muscle.
 
@@ -94,12 +91,12 @@ def layout_starts(
     not fit the cloth are absent.
     """
     space, rng = DesignSpace(design, limits, np.zeros((poses, 0))), np.random.default_rng(seed)
-    turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
+    turns = [n for lowest in range(choice.most, 0, -1) for n in choice.counts if n >= lowest]
     starts: list[Start] = []
     crowded = set()
     for i in range(number):
         count = turns[i % len(turns)]
-        start = None if count in crowded else _draw(space, count, sides, rng)
+        start = None if count in crowded else _draw(space, count, choice.sides, rng)
         if start is None:
             crowded.add(count)
         else:

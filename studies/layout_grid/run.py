@@ -106,7 +106,7 @@ class GridSearch:
                 ahead[0].cell,
                 turns,
                 first_starts(ahead[0].cell.study) if turns.drawn else [],
-                verification=Verification.MOTION,
+                verification="motion",
             )
             self._results[self._results.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             self._longest = max(self._longest, working_time.seconds() - begin)
@@ -186,7 +186,7 @@ class GridSearch:
         turns: CellTurns,
         drawn: list[Start],
         *,
-        verification: Verification = Verification.AT_REST,
+        verification: Verification = "at rest",
         force: bool = False,
     ) -> StudyResult:
         last, study = working_time.seconds(), cell.study
@@ -195,7 +195,7 @@ class GridSearch:
         def heard(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
-            if verification is Verification.MOTION:  # no search
+            if verification == "motion":  # no search
                 return
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
@@ -210,7 +210,7 @@ class GridSearch:
             verification=verification,
             progress=heard,
         )
-        if verification is Verification.AT_REST:
+        if verification == "at rest":
             self._end = max(self._end, working_time.seconds() - last)
         return result
 

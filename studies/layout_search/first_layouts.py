@@ -81,10 +81,8 @@ def first_starts(study: Study) -> list[Start]:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
         return [*earlier_starts(study), *drawn]
     choice, design = study.muscles, study.design
-    drawn = catalogue_starts(design, limits, poses, counts=choice.counts, sides=choice.sides)
-    drawn += layout_starts(
-        design, limits, poses, counts=choice.counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
-    )
+    drawn = catalogue_starts(design, limits, poses, choice)
+    drawn += layout_starts(design, limits, poses, choice, number=LAYOUT_STARTS, seed=study.seed)
     sides = {muscle.side for muscle in design.muscles}
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
         drawn = [*_on_fewer_channels((space, stated)), *drawn]
@@ -115,19 +113,15 @@ def _drawn_anew(study: Study, restart: int, best: Start) -> tuple[list[Start], b
     seed, choice, poses = study.seed + 1000 * restart, study.muscles, len(study.targets)
     if choice is None:
         return pressure_starts(stated_start(study)[0], PRESSURE_STARTS, seed)[1:], True
-    counts, sides = choice.counts, choice.sides
     if restart % 2 == 0:
-        limits = study.limits
-        return layout_starts(
-            study.design, limits, poses, counts=counts, sides=sides, number=LAYOUT_STARTS, seed=seed
-        ), True
-    corners, count = choice.corners if study.positions else 0, len(best[0].design.muscles)
-    drawn = variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners)
-    drawn += with_corners(best, corners)
-    if count + 1 in counts:
+        return layout_starts(study.design, study.limits, poses, choice, number=LAYOUT_STARTS, seed=seed), True
+    choice = choice if study.positions else replace(choice, corners=0)
+    drawn = [*variations(best, choice, number=VARIATIONS, seed=seed), *with_corners(best, choice.corners)]
+    count = len(best[0].design.muscles)
+    if count + 1 in choice.counts:
         # one muscle more at a share of the pressure: what it promises shows when these are screened; of several poses
         # each takes it pulling or idle
-        more = with_idle(best, count=count + 1, sides=sides, number=ADDITIONS, seed=seed)
+        more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
         drawn += [*(more if poses > 1 else []), *pulling(more, count, PULL)]
     return drawn, False
 
@@ -135,25 +129,17 @@ def _drawn_anew(study: Study, restart: int, best: Start) -> tuple[list[Start], b
 COARSE = 21  # points a side, of the simulator on which a search begins
 
 
-def forward_models(
-    how: Simulated, study: Study | None = None, targets: Sequence[LoadedTarget] = ()
-) -> tuple[ForwardModel, ForwardModel]:
+def forward_models(how: Simulated, study: Study, targets: Sequence[LoadedTarget]) -> tuple[ForwardModel, ForwardModel]:
     """Return the fine and the coarse model given, or the simulator, for a study with its targets; a single one given
     serves for both."""
     fine, coarse = how.get("forward"), how.get("coarse")
     if fine is not None:
         return fine, coarse or fine
-    model = None if study is None else study.model
-    hold = {} if study is None else {"hold": _coarse_hold(study, targets)}
-    fine = simulator((model or Model()).points_per_side, study)
-    return fine, coarse or simulator(COARSE, study, tolerance=1e-6, **hold)
-
-
-def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
-    """Return the seconds for which pressures hold where shapes at rest stand for frames of the targets
-    (optimize.search.objective)."""
+    # the coarse one's shapes at rest stand for frames of the targets (optimize.search.objective)
     times = [target.time for target in targets if target.time is not None]
-    return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
+    hold = study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
+    fine = simulator((study.model or Model()).points_per_side, study)
+    return fine, coarse or simulator(COARSE, study, tolerance=1e-6, hold=hold)
 
 
 def stages_of(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:

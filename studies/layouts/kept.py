@@ -3,8 +3,7 @@ same."""
 
 from collections.abc import Sequence
 from dataclasses import fields
-from enum import Enum, auto
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 from fabdesign.formats.json_file import exact, of_exact
 from fabdesign.runtime.fingerprint import content_of
@@ -49,14 +48,11 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     return {name: value for name, value in content if name not in _RAISED and (name not in _ABSENT or value != "None")}
 
 
-class Verification(Enum):
-    """The work on a layout that a search ended with."""
-
-    AT_REST = auto()  # its shape alone
-    MOTION = auto()  # the motion that leads there too
+# of the layout that a search ended with: its shape at rest alone, or the motion that leads there too
+Verification = Literal["at rest", "motion"]
 
 
-def keep(history: History, result: StudyResult, verification: Verification) -> None:
+def keep(history: History, result: StudyResult) -> None:
     """Let the same call answer with this result: what it has beside its study, targets and history, the limits that it
     was searched within, and whether a search within wider ones would end alike (`complete`)."""
     study, state = result.study, history.load()
@@ -67,7 +63,7 @@ def keep(history: History, result: StudyResult, verification: Verification) -> N
         "seconds": study.limits.seconds,
         "evaluations": study.limits.evaluations,
         "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
-        "follow": verification is Verification.MOTION,
+        "follow": result.loading_path is not None,
         "layout": {"muscles": result.design.muscles, "pressures": result.pressure.tolist()},
     }
     history.keep_answer(exact(kept | {name: getattr(result, name) for name in _KEPT}))
@@ -83,7 +79,7 @@ def answer(
         as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
         if (
             kept["versions"] != VERSIONS
-            or kept["follow"] != (verification is Verification.MOTION)
+            or kept["follow"] != (verification == "motion")
             or not (kept["complete"] or as_far)
         ):
             return None

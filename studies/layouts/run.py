@@ -50,7 +50,7 @@ def run_study(
     out: Path | str,
     *,
     starts: Sequence[Start] | None = None,
-    verification: Verification = Verification.MOTION,
+    verification: Verification = "motion",
     progress: Callable[[Evaluations], None] = lambda _: None,
     **how: Unpack[Simulated],
 ) -> StudyResult:
@@ -80,7 +80,7 @@ def run_study(
             report = _reporting(work, study, targets, progress)
             result = searched(study, targets, begun, history, report, verification, how)
             if not result.interrupted:
-                keep(history, result, verification)
+                keep(history, result)
         if work.anew and result.interrupted:
             work.complete = False
             result = replace(result, stop_reason=f"{result.stop_reason}; {out} holds the earlier result until then")
@@ -104,7 +104,7 @@ def searched(
     verification: Verification,
     how: Simulated,
 ) -> StudyResult:
-    follow = verification is Verification.MOTION
+    follow = verification == "motion"
     objective = Objective(targets, study.objective, study.order, [t.weight for t in targets])
     fine, quick = (forward_model(engine, study.model) for engine in forward_models(how, study, targets))
     evaluations = Evaluations(
@@ -197,12 +197,12 @@ def study_result(
     forward: Predictor,
     stop_reason: str,
     points: Sequence[Start] = (),
-    verification: Verification = Verification.MOTION,
+    verification: Verification = "motion",
 ) -> StudyResult:
     """Return the result of the first of `points` whose loading path is not sensitive, else of the first: where its
     motion leads, valued once more on the full model, and the resting cloth. By default points are what is as near as
     the best."""
-    objective, searched_s, follow = evaluations.objective, evaluations.elapsed, verification is Verification.MOTION
+    objective, searched_s, follow = evaluations.objective, evaluations.elapsed, verification == "motion"
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
     resting = [

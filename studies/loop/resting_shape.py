@@ -6,6 +6,7 @@ that a model predicts (iterated closest points with a nearly inextensible sheet)
 face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.regression`.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,10 @@ from fabdesign.geometry.shape import Shape, normals
 from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.trial import MeasurementSet
+from studies.layout_search.target import LoadedTarget
 
+AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
 POINTS = 6_000  # of all frames that are fitted, drawn
 CONTROLS = 11  # a side
 _STRAIN = 0.004  # of the lengths between nodes, that counts as much as
@@ -28,6 +32,23 @@ _ROUNDS = 16
 _SOFT = 0.6e-3  # m: how sharply a point is taken for one face's
 _FAR = 5.0  # median heights off, from which a point is a stray's
 _LEAST_FAR = 2.5e-3  # m, below which it is none
+
+
+def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], predicted: Array, *, seed: int) -> Array:
+    """Return (poses, 2 n, 3) m: the cloth's faces in the trials of orders 0, 1, ..., one a target: at rest in the last
+    half second, or in the frame at the target's time. predicted: (poses, 2 n, 3) m, as the search had them."""
+    by_order = {trial.order: trial for trial in measured.trials}
+    shapes = []
+    for pose, target in enumerate(targets):
+        trial = by_order[pose]
+        data = trial.load()
+        if target.time is None:
+            frames = np.flatnonzero(data.time > data.time[-1] - AT_REST)
+        else:
+            frames = np.array([np.abs(data.time - target.time).argmin()])
+        points = np.concatenate([data.frames[int(k)] for k in frames])
+        shapes.append(resting_faces(points, trial.design.fabric, predicted[pose], seed=seed))
+    return np.array(shapes)
 
 
 def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int = 0) -> Array:

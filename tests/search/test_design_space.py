@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
+from fabdesign.study_files.study_file import MuscleChoice
 from optimize.search.design_space import DesignSpace
 from optimize.search.margins import Limits, bend_radius, clearance, constraint_margins
 from optimize.search.starts import layout_starts, pressure_starts, thinned_starts
@@ -99,7 +100,7 @@ def test_crossing_muscles_on_one_face_break_the_spacing_and_on_two_do_not() -> N
 @pytest.mark.parametrize("seed", range(3))
 def test_drawn_layouts_keep_the_limits(seed: int) -> None:
     limits = Limits(spacing=0.02, pressure=(50e3, 300e3))
-    starts = layout_starts(BASIC, limits, 1, counts=range(1, 5), sides=("front",), number=40, seed=seed)
+    starts = layout_starts(BASIC, limits, 1, MuscleChoice(1, 4, ("front",)), number=40, seed=seed)
     assert len(starts) == 40
     assert {len(space.design.muscles) for space, _ in starts} == {1, 2, 3, 4}
     for space, x in starts:

@@ -94,7 +94,7 @@ def test_a_search_keeps_the_air_and_comes_up_against_it(tmp_path: Path) -> None:
 
 def test_drawn_layouts_keep_the_air_and_the_channels() -> None:
     limits = Limits(air=2e-6, channels=2)
-    starts = layout_starts(DESIGN, limits, 2, counts=range(1, 6), sides=("front", "back"), number=30, seed=1)
+    starts = layout_starts(DESIGN, limits, 2, MuscleChoice(1, 5), number=30, seed=1)
     assert max(len(space.design.muscles) for space, _ in starts) == 5
     for space, x in starts:
         design, pressures = space.decode(x)
