@@ -35,14 +35,16 @@ def baselines(truth: Truth, folder: Path, ours: float, near: float) -> Row:
     space = DesignSpace(truth.design, Limits(), truth.pressures[:1], vary_positions=True)
     coarse = simulator(COARSE, tolerance=1e-6)
     objective = Objective([target])
-    objective.shapes(coarse, [(space, space.encode(truth.design, truth.pressures[:1]))])  # so that all is compiled
+    objective.shapes(coarse, [(truth.design, truth.pressures[:1])])  # so that all is compiled
     row: Row = {"ours": {"seconds": ours}}
     for name, ask, tell in _others(space):
         begin, best, reached, count = time.monotonic(), np.inf, None, 0
         while time.monotonic() - begin < TIMES * ours and reached is None:
             xs = ask()
             kept = [space.feasible(x) for x in xs]
-            shapes = iter(objective.shapes(coarse, [(space, x) for x, keeps in zip(xs, kept, strict=True) if keeps]))
+            shapes = iter(
+                objective.shapes(coarse, [space.decode(x) for x, keeps in zip(xs, kept, strict=True) if keeps])
+            )
             values = [
                 objective.value(next(shapes)) if keeps else _violation(space, x)
                 for x, keeps in zip(xs, kept, strict=True)

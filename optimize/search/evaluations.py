@@ -128,7 +128,7 @@ class Evaluations:
             self.require_time(self._expected(number, len(batch), exact))
             begin, self.stage = self.elapsed, stage.name
             placed = [(self.space(start, number), x) for start, x in batch]
-            shapes = objective.shapes(cheap or stage.forward, placed)
+            shapes = objective.shapes(cheap or stage.forward, [space.decode(x) for space, x in placed])
             values = self._record(stage.name + ("" if exact else SLOPES), batch, objective.values(shapes))
             for value, shape, (space, x), (start, _) in zip(values, shapes, placed, batch, strict=True):
                 if not exact or not space.keeps(x, shape):

@@ -20,7 +20,6 @@ from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.study_file import MeasureName
-from optimize.search.design_space import DesignSpace, Vector
 
 Poses = Array  # (poses, 2 n, 3) m: one design under each pose's pressures
 # m, of distances and their shares; and its slope by each
@@ -73,14 +72,13 @@ class Objective:
         return np.asarray(weights / weights.sum())
 
     def shapes(
-        self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]], models: Sequence[Predictor] = ()
+        self, forward: ForwardModel, layouts: Sequence[tuple[Design, Array]], models: Sequence[Predictor] = ()
     ) -> list[Poses]:
-        """Return the shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its
-        own adds."""
-        decoded = [space.decode(x) for space, x in points]
-        shapes: list[list[Poses]] = [[] for _ in points]
+        """Return the shape of each design under its (poses, channels) pressures [Pa]; a diverged one holds NaN. models:
+        of which each design's cases carry what its own adds."""
+        shapes: list[list[Poses]] = [[] for _ in layouts]
         for pose, target in enumerate(self.targets):
-            cases = self.cases(pose, decoded)
+            cases = self.cases(pose, layouts)
             if models:
                 cases = [model.case(case) for model, case in zip(models, cases, strict=True)]
             if target.time is None:
@@ -91,12 +89,12 @@ class Objective:
                 shape.append(refined(np.asarray(cloud, np.float64)))
         return [np.array(shape) for shape in shapes]
 
-    def cases(self, pose: int, decoded: Sequence[tuple[Design, Poses]]) -> list[Case]:
+    def cases(self, pose: int, layouts: Sequence[tuple[Design, Array]]) -> list[Case]:
         """Return the cases of designs, each with its (poses, channels) pressures [Pa], in one pose."""
         duration = self.targets[pose].time or 0.0
         return [
             Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
-            for design, pressures in decoded
+            for design, pressures in layouts
         ]
 
     def value(self, shape: Poses) -> float:

@@ -71,16 +71,14 @@ def slopes_of(
         shape = np.array([pose[i].points for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
-        at = space.position_count
+        at, many = space.position_count, space.channels
         for pose, changes in enumerate(one[i].changes for one in jacobian_of):
             by_further[:, pose] = changes[len(columns) - len(further) :]
-            by_variable[: space.position_count, pose] = changes[rows] * space.units[: space.position_count, None, None]
+            by_variable[: space.position_count, pose] = changes[rows]
             if space.vary_pressures:
-                many = space.channels
-                by_variable[at : at + many, pose] = (
-                    changes[len(corners) : len(corners) + many] * space.units[at : at + many, None, None]
-                )
+                by_variable[at : at + many, pose] = changes[len(corners) : len(corners) + many]
                 at += many
+        by_variable *= space.units[:, None, None, None]
         by_variable[~np.isfinite(by_variable).all(axis=(1, 2, 3))] = 0.0
         results.append(Slopes(shape, by_variable, by_further))
     return results

@@ -104,18 +104,17 @@ def layout_starts(
     return starts
 
 
-def thinned_starts(
-    design: Design, limits: Limits, pressures: Array, count: int, *, number: int, seed: int
-) -> list[Start]:
-    """Return layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel
-    for each: all that there are, or `number` of them drawn by `seed`."""
+def thinned_starts(space: DesignSpace, count: int, *, number: int, seed: int) -> list[Start]:
+    """Return layouts of `count` of the design's own muscles, under the pressures that it begins with, a channel for
+    each: all that there are, or `number` of them drawn by `seed`."""
+    design, pressures = space.design, space.start_pressures
     subsets = list(combinations(range(len(design.muscles)), count))
     if len(subsets) > number:
         chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
         subsets = [subsets[i] for i in sorted(chosen)]
     layouts = [[design.muscles[i] for i in subset] for subset in subsets]
     by_channel = ((kept, pressures[:, [muscle.channel for muscle in kept]]) for kept in layouts)
-    return starts_of(by_channel, DesignSpace(design, limits, pressures))
+    return starts_of(by_channel, space)
 
 
 def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator) -> Start | None:

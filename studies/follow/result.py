@@ -15,10 +15,10 @@ from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.model import NORMAL90, Model
+from fabdesign.nouns.model import NORMAL90
 from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.pressure import PressureProgram, limits
-from fabdesign.study_files.follow_file import FollowStudy, MotionScatter
+from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.follow.programs import Regulator
@@ -185,21 +185,20 @@ def as_text(result: FollowResult) -> str:
     return "\n".join(lines)
 
 
-def copies_of(
-    simulator: ForwardModel, model: Model | None, case: Case, wanted: Wanted, scatter: MotionScatter, seed: int
-) -> MotionCopies | None:
+def copies_of(study: FollowStudy, simulator: ForwardModel, case: Case, wanted: Wanted) -> MotionCopies | None:
     """Return what copies of the case's motion come to, each with pressures off by the channel, and a model of the
     covariance where there is one. None where none is asked for, or the motion itself diverges."""
+    scatter, model = study.scatter, study.model
     if not scatter.copies:
         return None
     times, most = wanted.times, limits(case.design)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(study.seed)
     gains = 1 + scatter.pressure * rng.standard_normal((scatter.copies, len(most)))
     factors = [np.ones(len(most)), *to_either_side(case.design), *gains]
     programs = [replace(case.program, pressure=np.clip(case.program.pressure * row, 0.0, most)) for row in factors]
     cases = [replace(case, program=program) for program in programs]
     forward = forward_model(simulator, model)
-    drawn = [] if model is None else Ensemble(model).drawn(scatter.copies, seed)
+    drawn = [] if model is None else Ensemble(model).drawn(scatter.copies, study.seed)
     alike = cases[: len(cases) - len(drawn)]
     meant, up, down, *copies = forward.motions(alike, [times] * len(alike))
     for one, drawn_case in zip(drawn, cases[len(alike) :], strict=True):

@@ -27,7 +27,7 @@ from fabdesign.units import in_mm
 from optimize.fit.descent import Progress
 from sim import Simulator
 from studies.follow.measured import MeasuredRun, displacements, read_run
-from studies.follow.programs import Regulator, case_of, regulator_of
+from studies.follow.programs import case_of, regulator_of
 from studies.follow.result import FollowResult, copies_of, write_report
 from studies.follow.start import between_poses, quasi_static, with_layout
 from studies.follow.wanted import GUIDED, Wanted, files_of, wanted_of
@@ -64,25 +64,26 @@ def run_follow(
     """
     asked = StudyRun.of(study, FollowStudy.read, how)
     study = asked.study
-    wanted, regulator = wanted_of(study), regulator_of(study)
+    wanted = wanted_of(study)
     file = os.path.relpath(asked.inputs[0], out).replace(os.sep, "/") if asked.inputs else None
     if measured is not None and not (Path(out) / PRESSURES).is_file():
         raise InputError(f"{out}: no {PRESSURES}; expected the folder of a study whose program was run")
     with asked.folder(out, "follow", [*files_of(study), *([] if measured is None else [measured])]) as work:
-        checkpoint = Checkpoint(work, _content(study))
+        hashes = {f"target.{path.name}": sha256(path) for path in files_of(study) if path.is_file()}
+        content = kept_content(study, ("name", "seconds", "scatter", "target"), hashes, ALGORITHM)
+        checkpoint = Checkpoint(work, content | {"target": repr(study.target)})
         progress(follow_in_words(study, wanted), None)
         if study.layout is not None:
-            study = with_layout(study, wanted, regulator, work, progress)
-            regulator = regulator_of(study)
+            study = with_layout(study, wanted, work, progress)
         last = None if measured is None else _last_program(work, study)
         run = None if measured is None else read_run(Path(measured), study.design)
-        solver = _Solver(study, wanted, regulator, checkpoint, progress)
+        solver = _Solver(study, wanted, checkpoint, progress)
         result = solver.solution() if run is None or last is None else solver.corrected(run, *last)
         with work.adding() as files:
             if study.layout is not None:
                 write_design(study.design, files / "design.toml")
             if last is not None:
-                write_pressures(regulator.program(last[1]), files / f"pressures_{result.run}.csv")
+                write_pressures(result.regulator.program(last[1]), files / f"pressures_{result.run}.csv")
             write_pressures(result.program, files / PRESSURES)
             write_report(result, files, file)
     return result
@@ -98,16 +99,14 @@ def follow_in_words(study: FollowStudy, wanted: Wanted) -> str:
 class _Solver:
     """A study at work: passes over its windows, and what comes of them."""
 
-    def __init__(
-        self, study: FollowStudy, wanted: Wanted, regulator: Regulator, checkpoint: Checkpoint, progress: Progress
-    ) -> None:
-        self._study, self._wanted, self._regulator = study, wanted, regulator
+    def __init__(self, study: FollowStudy, wanted: Wanted, checkpoint: Checkpoint, progress: Progress) -> None:
+        self._study, self._wanted, self._regulator = study, wanted, regulator_of(study)
         self._checkpoint, self._progress = checkpoint, progress
         self._begun, self._complete = working_time.seconds(), True
         self._model, self._path = study.model or Model(), wanted
         self._asked = np.ones(len(wanted.times), dtype=bool)  # which instants of the path are wanted
-        self._cycles = regulator.cycles(float(wanted.times[-1]))
-        self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
+        self._cycles = self._regulator.cycles(float(wanted.times[-1]))
+        self._case = case_of(study, self._regulator.program(np.zeros((self._cycles, self._regulator.channels))))
 
     def solution(self) -> FollowResult:
         """Return the study's own answer."""
@@ -185,8 +184,7 @@ class _Solver:
             if not self._checkpoint.has(piece) and working_time.seconds() - self._begun >= until:
                 self._complete = False
                 return None
-            rows: Arrays = self._checkpoint.arrays(piece, lambda: {"pressures": compute()})
-            return rows["pressures"]
+            return self._checkpoint.arrays(piece, lambda: {"pressures": compute()})["pressures"]
 
         show = partial(self._progress, line)
         return self._regulator.kept(solve(task, program, steps=steps, length=length, keep=keep, progress=show))
@@ -211,7 +209,7 @@ class _Solver:
         self._progress("copies with other pressures and models", 1.0)
         study, wanted = self._study, self._wanted
         driven, motion = self._case_of(best.program), best.motion[self._asked]
-        copies = copies_of(Simulator(COARSE), study.model, driven, wanted, study.scatter, study.seed)
+        copies = copies_of(study, Simulator(COARSE), driven, wanted)
         errors = pose_errors(wanted.targets, motion, seed=study.seed, draws=DRAWS)
         seconds = working_time.seconds() - self._begun
         return FollowResult(
@@ -239,10 +237,3 @@ def _last_program(work: WorkFolder, study: FollowStudy) -> tuple[int, Array]:
     number = next(k for k in count(1) if not (work.folder / f"pressures_{k}.csv").is_file())
     regulator = regulator_of(study)
     return number, regulator.rows(program, regulator.cycles(program.duration))
-
-
-def _content(study: FollowStudy) -> dict[str, str]:
-    """Return what the pieces depend on, by field."""
-    files = {f"target.{path.name}": sha256(path) for path in files_of(study) if path.is_file()}
-    kept = kept_content(study, ("name", "seconds", "scatter", "target"), files, ALGORITHM)
-    return kept | {"target": repr(study.target)}

@@ -22,7 +22,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
 from sim import Simulator
-from studies.follow.programs import UNIT, Regulator
+from studies.follow.programs import UNIT, Regulator, regulator_of
 from studies.follow.wanted import Wanted
 from studies.follow.wanted import moved as moved_distances
 from studies.layout_search.first_layouts import COARSE
@@ -98,9 +98,7 @@ def _apart(times: Array) -> Sequence[int]:
 FOLDER = "layout"  # of the search, what `optimize` writes
 
 
-def with_layout(
-    study: FollowStudy, wanted: Wanted, regulator: Regulator, work: WorkFolder, progress: Progress
-) -> FollowStudy:
+def with_layout(study: FollowStudy, wanted: Wanted, work: WorkFolder, progress: Progress) -> FollowStudy:
     """Return the study with the design that a search finds for shapes at some instants, the last among them, as poses
     that share one layout. It goes on in its own folder. Raises InputError where the rig cannot drive it."""
     choice = study.layout
@@ -108,7 +106,7 @@ def with_layout(
     count = len(wanted.times)
     moments = np.unique(np.linspace(count - 1, -1, min(choice.instants, count) + 1)[:-1].round().astype(int))
     targets = tuple(_target(study, wanted, int(moment), work) for moment in moments)
-    limits = StudyLimits((0.0, float(regulator.highest.min())), choice.spacing, choice.edge, choice.seconds)
+    limits = StudyLimits((0.0, float(regulator_of(study).highest.min())), choice.spacing, choice.edge, choice.seconds)
     search = Study(
         f"{study.name}: layout", study.design, targets, study.model, study.seed, positions=True,
         muscles=choice.muscles, limits=limits, order=study.order,

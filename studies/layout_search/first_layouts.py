@@ -87,8 +87,7 @@ def first_starts(study: Study) -> list[Start]:
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
         drawn = [*_on_fewer_channels((space, stated)), *drawn]
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
-        given = space.start_pressures
-        drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
+        drawn += thinned_starts(space, choice.most, number=THINNED_STARTS, seed=study.seed)
     drawn = [*earlier_starts(study), *drawn]
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")

@@ -168,7 +168,8 @@ def _doubled(how: Scattering, start: Start) -> Start | None:
     starts = [option for k in range(count) for share in SHARES if (option := doubled(start, k, share)) is not None]
     if not starts:
         return None
-    nearest = np.argsort(how.objective.values(how.objective.shapes(how.forward, starts)))[:TRIED]
+    shapes = how.objective.shapes(how.forward, [space.decode(x) for space, x in starts])
+    nearest = np.argsort(how.objective.values(shapes))[:TRIED]
     means = []
     for space, x in (starts[i] for i in nearest):
         copies = Copies(how, space)

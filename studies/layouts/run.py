@@ -17,7 +17,6 @@ from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_kpa, in_mm
 from optimize.search.best import MARGIN
-from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import FINALISTS, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
@@ -27,12 +26,11 @@ from optimize.search.starts import Start
 from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.first_layouts import first_starts, forward_models, further_starts, stages_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.kept import Verification, answer, keep, study_content
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
 from studies.layouts.report import render_report
-from studies.layouts.result import StudyResult, write_best
+from studies.layouts.result import StudyResult, Verification, answer, keep, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.layouts.scatter import Scattering
 from studies.prediction.forward_model import forward_model, without_resistance
@@ -205,11 +203,8 @@ def study_result(
     objective, searched_s, follow = evaluations.objective, evaluations.elapsed, verification == "motion"
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
-    resting = [
-        (DesignSpace(design, study.limits, np.zeros_like(pressures), vary_pressures=False), np.empty(0))
-        for design, pressures in layouts
-    ]
-    every = objective.shapes(forward, [*points, *resting])
+    resting = [(design, np.zeros_like(pressures)) for design, pressures in layouts]
+    every = objective.shapes(forward, [*layouts, *resting])
     shapes, rests = every[: len(points)], every[len(points) :]
     if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
@@ -231,11 +226,8 @@ def study_result(
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height
         missed = tuple(missed_at(one, t, size) for one, t in zip(shape, targets, strict=True))
-        reach = replace(
-            reach,
-            missed=missed,
-            helps=helps_of(study, points[chosen], objective, without_resistance(forward) or forward),
-        )
+        helps = helps_of(study, points[chosen], objective, without_resistance(forward) or forward)
+        reach = replace(reach, missed=missed, helps=helps)
     return StudyResult(
         study=study,
         design=design,
@@ -260,8 +252,7 @@ def expected_within(result: StudyResult, objective: Objective, coarse: Predictor
     spread = spread_of(coarse.model)
     if spread is None:
         return None
-    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
-    models = drawn_models(coarse.model) if spread.covariance else []
-    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
+    models, layout = drawn_models(coarse.model) if spread.covariance else [], (result.design, result.pressure)
+    others = [objective.shapes(replace(coarse, model=model), [layout])[0] for model in models]
     terms = region_terms(result.rest, result.points, others, result.design.fabric)
     return float(half_widths(spread, *terms).mean())

@@ -6,7 +6,6 @@ and every muscle's gain, and what the model's joint covariance leaves open.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm, qmc
@@ -21,7 +20,6 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Robust
-from optimize.search.design_space import DesignSpace
 from optimize.search.local_search import LinearShape
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import refined_jacobians
@@ -44,12 +42,9 @@ class Scattering:
 
     def shapes(self, copies: Sequence[Copy]) -> list[Poses]:
         """Return the shapes of any layouts' copies, in one batch; a diverged one holds NaN."""
-        points, models = [], []
-        for design, pressures, model in copies:
-            space = DesignSpace(design, self.study.limits, pressures, vary_pressures=False)
-            points.append((space, np.empty(0)))
-            models.append(replace(self.forward, model=model))
-        return self.objective.shapes(replace(self.forward, model=Model()), points, models)
+        layouts = [(design, pressures) for design, pressures, _ in copies]
+        models = [replace(self.forward, model=model) for *_, model in copies]
+        return self.objective.shapes(replace(self.forward, model=Model()), layouts, models)
 
     def case(self, pose: int, copy: Copy) -> Case:
         """Return a copy with all that its model adds but forces against motion, of which derivatives know nothing."""
@@ -61,13 +56,6 @@ class Scattering:
     def jacobians(self) -> Jacobians | None:
         """Return what derivatives of such cases are asked of; None where the forward model has none."""
         return replace(self.forward, model=Model()).faces_jacobian
-
-
-class Linear(NamedTuple):
-    """definite: whether the tangent is, as it is on one branch; differences stand in where it is not."""
-
-    model: LinearShape
-    definite: bool
 
 
 class Scatter:
@@ -153,10 +141,10 @@ class Scatter:
 
         return Column(f"covariance {k}", STANDARD, 0.2, 1.0, moved)
 
-    def linear(self) -> Linear:
+    def linear(self) -> tuple[LinearShape, bool]:
         """Return the shape of copies in their standard normals, about none: by derivatives of shapes at rest where the
         forward model offers them, else by differences of one standard deviation, in one batch. What diverges has no
-        slope."""
+        slope. And whether the tangent is definite, as it is on one branch; differences stand in where it is not."""
         targets, none = self.how.objective.targets, np.zeros(self.size)
         jacobians = self.how.jacobians if all(target.time is None for target in targets) else None
         definite = True
@@ -171,7 +159,7 @@ class Scatter:
             if self.resists:
                 [nominal] = self.shapes([none])
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
-        return Linear(LinearShape(none, nominal, slopes), definite)
+        return LinearShape(none, nominal, slopes), definite
 
 
 def _placed(muscle: int, index: int, along: tuple[float, float], placement: float) -> Column:

@@ -118,7 +118,7 @@ def test_the_same_seed_draws_the_same_starts() -> None:
 
 def test_thinned_starts_are_the_design_s_own_muscles_under_their_pressures():
     design, pressures = build("basic"), 1e3 * np.arange(1, 9).reshape(1, 8)
-    every = thinned_starts(design, Limits(), pressures, 7, number=10, seed=1)
+    every = thinned_starts(DesignSpace(design, Limits(), pressures), 7, number=10, seed=1)
     left_out = set()
     for space, x in every:
         thinned, own = space.decode(x)
@@ -127,5 +127,5 @@ def test_thinned_starts_are_the_design_s_own_muscles_under_their_pressures():
         assert [m.path for m in thinned.muscles] == [design.muscles[k].path for k in kept]
         left_out |= set(range(8)) - set(kept)
     assert len(every) == 8 and left_out == set(range(8))
-    some = thinned_starts(design, Limits(), pressures, 4, number=20, seed=1)
+    some = thinned_starts(DesignSpace(design, Limits(), pressures), 4, number=20, seed=1)
     assert len(some) == 20 and len({tuple(space.decode(x)[1][0].round()) for space, x in some}) == 20

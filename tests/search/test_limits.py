@@ -18,7 +18,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.design_space import DesignSpace, by_muscle, start_of
 from optimize.search.margins import Intervals, Limits, LinearContraction, constraint_margins, largest_contraction
 from optimize.search.starts import layout_starts
-from studies.layouts.kept import study_content
+from studies.layouts.result import study_content
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.sheets import rolled_sheet

@@ -51,8 +51,8 @@ def test_what_helps_is_what_a_changed_forward_model_shows() -> None:
     before, by_name = what_helps(forward.faces_jacobian, objective, (space, x), changes, wider, {})
     assert forward.asked == 1  # the shape at rest is solved once
     assert [*by_name.values()] == sorted(by_name.values())
-    assert before == pytest.approx(objective.value(objective.shapes(forward, [(space, x)])[0]), rel=1e-6)
-    [there] = objective.shapes(forward, [(wider["220 kPa"], np.ones(3))])
+    assert before == pytest.approx(objective.value(objective.shapes(forward, [space.decode(x)])[0]), rel=1e-6)
+    [there] = objective.shapes(forward, [wider["220 kPa"].decode(np.ones(3))])
     assert by_name["gain +0.1"] == pytest.approx(by_name["220 kPa"], rel=0.02)  # the same thing here
     assert by_name["220 kPa"] == pytest.approx(objective.value(there), rel=0.1)
     assert by_name["220 kPa"] < 0.7 * before
@@ -78,7 +78,7 @@ def test_another_type_of_muscle_is_among_what_helps() -> None:
     assert spaces_by_type(replace(space, design=DESIGN)) == {}
     objective, forward = Objective([Target(cloud([180, 180, 180]))]), ByType(21)
     before, found = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), {}, {}, {name: own})
-    [there] = objective.shapes(forward, [(own, np.ones(3))])
+    [there] = objective.shapes(forward, [own.decode(np.ones(3))])
     assert [*found] == [name]
     assert found[name] == pytest.approx(objective.value(there), abs=1e-5)
     assert found[name] < 0.7 * before

@@ -45,7 +45,8 @@ def start_under(pressures: np.ndarray, design=DESIGN) -> Start:
 
 def objective_of(times: tuple[float | None, ...] = (None, None)) -> Objective:
     blank = Objective([Target(np.zeros((1, 3)), time) for time in times])
-    [shapes] = blank.shapes(AnalyticCloth(11), [start_under(TRUTH)])
+    space, x = start_under(TRUTH)
+    [shapes] = blank.shapes(AnalyticCloth(11), [space.decode(x)])
     return Objective([Target(shape, time) for shape, time in zip(shapes, times, strict=True)])
 
 
