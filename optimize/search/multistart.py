@@ -27,7 +27,7 @@ AGREE = 3  # searches from different starts that end as near as the best one doe
 ALIKE = 0.01  # of the best value, by which such ends may differ
 IDLE = 3  # restarts that came no nearer than NO_GAIN of the best value: a further one is not worth its time
 NO_GAIN = 0.005
-Wanted = tuple[LocalSearch, list[Vector]]  # what a search wants evaluated
+Questions = tuple[LocalSearch, list[Vector]]  # what a search wants evaluated
 AT_ONCE = 8  # designs that take a simulator no longer than one: so many trials a round, shared by the searches
 
 
@@ -258,7 +258,7 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
 
 
 def _evaluate_all(
-    evaluations: Evaluations, number: int, wanted: Sequence[Wanted], cheap: ForwardModel | None = None
+    evaluations: Evaluations, number: int, wanted: Sequence[Questions], cheap: ForwardModel | None = None
 ) -> list[list[tuple[float, Poses]]]:
     """Return what each search wants evaluated, all in common batches; on the stage's model, or on `cheap`."""
     results = iter(evaluations.evaluate(number, [(local.start, x) for local, xs in wanted for x in xs], cheap))

@@ -135,7 +135,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
     if not len(window.moments):
         return program[begin:end]
     [at] = _Place.all_of(window, [program])
-    columns, farthest = None, FARTHEST
+    columns, farthest, others = None, FARTHEST, ((begin, len(program) - end), (0, 0))  # set points that stay
     for _ in range(steps):
         if at.is_solved:
             break
@@ -143,7 +143,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
         if columns is None:
             columns = _columns(window, at)
         changes = [share * at.step(columns, farthest, damping) for damping, share in TRIED]
-        trials = _Place.all_of(window, [_changed(at.program, begin, change) for change in changes])
+        trials = _Place.all_of(window, [at.program + np.pad(change, others) for change in changes])
         trial = min(trials, key=lambda place: place.cost)
         gained = (at.cost - trial.cost) / at.cost
         if gained > 0:
@@ -201,12 +201,6 @@ class _Place:
         begin = self.window.begin
         rows = _rows_before(self.program, begin)[-1], self.program[begin : self.window.end]
         return best_change(hessian, gradient, self.window.task.regulator, rows, farthest)
-
-
-def _changed(program: Array, begin: int, change: Array) -> Array:
-    changed = program.copy()
-    changed[begin : begin + len(change)] += change
-    return changed
 
 
 def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:

@@ -129,9 +129,3 @@ def fewer_in_words(study: Study, fewer: Fewer, *, converged: bool = True) -> str
     if not converged:
         return f"No layout of fewer than {fewer.count} muscles came {bound} so far."
     return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {bound}."
-
-
-def front_in_words(fewer: Fewer) -> str:
-    """Return the front in words; empty where there is one number of muscles."""
-    each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
-    return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""

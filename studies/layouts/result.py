@@ -31,7 +31,7 @@ from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
-from studies.layouts.refinement import fewer_in_words, front_in_words, kept_fewer
+from studies.layouts.refinement import fewer_in_words, kept_fewer
 from studies.layouts.robustness import Robustness
 
 
@@ -171,8 +171,9 @@ class StudyResult(Tabled):
         """Return how many muscles serve, in words; empty where their number is given."""
         if self.fewer is None:
             return ""
-        parts = fewer_in_words(self.study, self.fewer, converged=self.reach.lacking is None), front_in_words(self.fewer)
-        return " ".join(filter(None, parts))
+        words = fewer_in_words(self.study, self.fewer, converged=self.reach.lacking is None)
+        front = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in self.fewer.front)
+        return f"{words} Reached, in mm, by number of muscles: {front}." if len(self.fewer.front) > 1 else words
 
     @property
     def within_in_words(self) -> str | None:
