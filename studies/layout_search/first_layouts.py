@@ -85,21 +85,14 @@ def first_starts(study: Study) -> list[Start]:
     drawn += layout_starts(design, limits, poses, choice, number=LAYOUT_STARTS, seed=study.seed)
     sides = {muscle.side for muscle in design.muscles}
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
-        drawn = [*_on_fewer_channels((space, stated)), *drawn]
+        fits = design.channels <= (limits.channels or MUSCLES)  # else with shared channels, where that keeps the limits
+        drawn = [*([(space, stated)] if fits else starts_of([by_muscle((space, stated))], space)), *drawn]
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
         drawn += thinned_starts(space, choice.most, number=THINNED_STARTS, seed=study.seed)
     drawn = [*earlier_starts(study), *drawn]
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
     return drawn
-
-
-def _on_fewer_channels(start: Start) -> list[Start]:
-    """Return the layout alone, with shared channels where it has more than its limits; none where that breaks another
-    limit."""
-    if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
-        return [start]
-    return starts_of([by_muscle(start)], start[0])
 
 
 def further_starts(study: Study) -> FurtherStarts | None:
