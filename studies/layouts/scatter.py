@@ -112,10 +112,6 @@ class Scatter:
         """Return m of copies; infinite where one diverged."""
         return self.how.objective.values(self.shapes(zs))
 
-    def case(self, pose: int) -> Case:
-        """Return the layout as it should be, as `Scattering.case` gives it."""
-        return self.how.case(pose, self.copy(np.zeros(self.size)))
-
     @property
     def resists(self) -> bool:
         """Return whether the model has forces against motion."""
@@ -123,7 +119,8 @@ class Scatter:
 
     @property
     def columns(self) -> list[Column]:
-        """Return how `case` changes with each of the `size` normals. Muscles keep their number of intervals."""
+        """Return how a case of `Scattering` changes with each of the `size` normals, from the layout as it should be.
+        Muscles keep their number of intervals."""
         robust, count = self.how.robust, len(self.design.muscles)
         corners = [(m, k) for m, many in enumerate(self._corners) for k in range(many)]
         by_channel = np.equal.outer(np.arange(self.design.channels), self._channels) * robust.pressure
@@ -152,8 +149,8 @@ class Scatter:
             nominal, *ahead = self.shapes([none, *np.eye(self.size)])
             slopes = np.array([shape - nominal for shape in ahead])
         else:
-            columns = self.columns
-            poses = [refined_jacobians(jacobians, [self.case(k)], columns)[0] for k in range(len(targets))]
+            columns, cases = self.columns, [self.how.case(k, self.copy(none)) for k in range(len(targets))]
+            poses = [refined_jacobians(jacobians, [case], columns)[0] for case in cases]
             nominal, slopes = np.array([pose.points for pose in poses]), np.stack([pose.changes for pose in poses], 1)
             definite = all(bool(pose.exact.all()) for pose in poses)
             if self.resists:

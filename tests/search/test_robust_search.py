@@ -151,7 +151,7 @@ def test_derivatives_leave_out_forces_against_motion(objective: Objective) -> No
         for model in (Model(effects=(drag,)), Model())
     ]
     assert [scatter.resists for scatter in scatters] == [True, False]
-    assert scatters[0].case(0).effects == ()
+    assert scatters[0].how.case(0, scatters[0].copy(np.zeros(scatters[0].size))).effects == ()
     assert scatters[0].copy(np.zeros(scatters[0].size))[2].effects == (drag,)
     found, bare = (scatter.linear()[0] for scatter in scatters)
     np.testing.assert_array_equal(found.slopes, bare.slopes)

@@ -226,7 +226,7 @@ def test_derivatives_of_the_models_covariance_are_those_of_copies(objective: Obj
         covariance=Covariance(("muscle_gain", "bending"), np.array([[0.01, 0.004], [0.004, 0.04]])),
     )
     scatter = Scatter(scattering(objective, model=model), ONE[0], np.array([[200e3]]))
-    case = scatter.case(0)
+    case = scatter.how.case(0, scatter.copy(np.zeros(scatter.size)))
     assert case.factors == pytest.approx({"muscle_gain": 1.2, "bending": 0.9})
     moved = scatter.columns[-2].moved(case, 1.0).factors
     assert moved == pytest.approx({"muscle_gain": 1.2 * np.exp(0.1), "bending": 0.9 * np.exp(0.04)})
