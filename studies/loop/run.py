@@ -84,9 +84,9 @@ class TurnSteps:
         share = min(1.0, (self.number + part) / (self.loop.study.stop.turns + 1))
         self.loop.progress(f"{self.name.replace('_', ' ')}, {line}", share)
 
-    def _kept(self, piece: str, compute: Callable[[], Kept], files: Callable[[], object] | None = None) -> Kept:
+    def _kept(self, piece: str, compute: Callable[[], Kept], files: Callable[[Any], object] | None = None) -> Kept:
         """Return a piece of the turn. files: reads what belongs to it and lies in files."""
-        kept: Kept = self.loop.checkpoint.get(f"{self.name}_{piece}", compute, files=files and (lambda _: files()))
+        kept: Kept = self.loop.checkpoint.get(f"{self.name}_{piece}", compute, files=files)
         return kept
 
     def choose(self, model: Model | None, earlier: EarlierResult | None) -> ChosenDesign:
@@ -121,7 +121,7 @@ class TurnSteps:
             }
 
         self.loop.work.claim(f"{self.name}/{SHAPES}")
-        return self._kept("choice", search, files=lambda: (self.chosen, self._believed))
+        return self._kept("choice", search, files=lambda _: (self.chosen, self._believed))
 
     @property
     def chosen(self) -> EarlierResult:
@@ -148,7 +148,7 @@ class TurnSteps:
             return {"trials": len(asked.programs)}
 
         place = self.folder / MEASURED
-        self._kept("measurement", ask, files=lambda: [trial.load() for trial in read_set(place).trials])
+        self._kept("measurement", ask, files=lambda _: [trial.load() for trial in read_set(place).trials])
         return read_set(place)
 
     def evaluate(self, measured: MeasurementSet) -> ShapeErrors:
@@ -176,7 +176,7 @@ class TurnSteps:
         loop = self.loop
         known = known or Model(points_per_side=loop.study.points_per_side)
         lesson = Lesson(loop.study, sets, loop.work, self.name, loop.simulators, lambda line: self._say(line, 0.7))
-        return self._kept("model", lambda: lesson.learn(known), files=lambda: self.model)
+        return self._kept("model", lambda: lesson.learn(known), files=lambda _: self.model)
 
     @property
     def model(self) -> Model:
