@@ -23,8 +23,7 @@ from studies.benches.tracing import examine
 from studies.layout_grid.report import render
 from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
-from studies.layouts.kept import Verification
-from studies.layouts.report import Section, render_report
+from studies.layouts.report import render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
@@ -52,7 +51,7 @@ def search_result(width: float, height: float, *, wish: bool = False) -> StudyRe
         model = forward_model(AnalyticCloth(), None)
         return study_result(
             study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached",
-            verification=Verification.AT_REST,
+            verification="at rest",
         )  # fmt: skip
 
 
@@ -67,7 +66,7 @@ def wished(design: Design) -> TargetFile:
 def search_page(width: float, height: float, *, wish: bool = False) -> str:
     """Return the page of `optimize`."""
     result = search_result(width, height, wish=wish)
-    return render_report(result.design.name, [Section(result.design.name, result)])
+    return render_report(result.design.name, {result.design.name: result})
 
 
 def grid_page(width: float, height: float) -> str:

@@ -24,11 +24,10 @@ from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
 from studies.layout_search.first_layouts import forward_models
-from studies.layouts.kept import Verification
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import robustness_of
 from studies.layouts.run import run_study
-from studies.layouts.scatter import Scatter
+from studies.layouts.scatter import Scatter, Scattering
 from studies.prediction.forward_model import forward_model
 
 SECONDS = 60.0  # of a search
@@ -113,7 +112,7 @@ def reach(truth: Truth, folder: Path, share: float) -> Row:
         run_study(
             replace(study, limits=replace(study.limits, evaluations=1)),
             Path(other) / "out",
-            verification=Verification.AT_REST,
+            verification="at rest",
         )
     _, row = timed(study, folder / "out")
     return row | {"truth": truth.muscles}
@@ -143,11 +142,11 @@ def grid(seed: int, folder: Path, share: float) -> Row:
     }
 
 
-def _on_rig(result: StudyResult, robust: Robust, target: NDArray[np.float64], tolerance: float | None) -> Row:
+def _on_rig(result: StudyResult, how: Scattering, target: NDArray[np.float64], tolerance: float | None) -> Row:
     """Copies of a result on the rig, coarser than the target was: Chamfer of two measured clouds, mm.
 
     tolerance: m; None: the copies' median."""
-    scatter = Scatter(result.study, robust, result.design, result.pressure)
+    scatter = Scatter(how, result.design, result.pressure)
     zs = np.random.default_rng(7).standard_normal((RIG_COPIES, scatter.size))
     values = []
     for number, z in enumerate([np.zeros(scatter.size), *zs]):
@@ -171,29 +170,22 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
     nominal, _ = timed(study, folder / "nominal")
     asked = Robust(copies=COPIES, choose="yield")
-    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models({})))
+    fine, coarse = (forward_model(simulator, None) for simulator in forward_models({}, study, nominal.targets))
     objective = Objective([Target(target.points, target.time) for target in nominal.targets])
-    found = robustness_of(
-        replace(study, robust=asked),
-        asked,
-        (nominal.design, nominal.pressure),
-        objective,
-        coarse,
-        fine,
-        nominal=nominal.objective,
-    )
+    how = Scattering(replace(study, robust=asked), asked, objective, coarse)
+    found = robustness_of(how, (nominal.design, nominal.pressure), fine, nominal=nominal.objective)
     values = np.array([objective.value(shape) for shape in found.shapes])
     tolerance = float(np.median(values))
     asked = replace(asked, tolerance=tolerance)
     found = replace(found, tolerance=tolerance, yielded=float((values <= tolerance).sum() / COPIES))
     chosen, _ = timed(replace(study, robust=asked), folder / "yield")
-    on_rig = _on_rig(nominal, asked, nominal.targets[0].points, None)
+    on_rig = _on_rig(nominal, how, nominal.targets[0].points, None)
     return {
         "muscles": [len(result.design.muscles) for result in (nominal, chosen)],
         "nominal": plain(found),
         "yield": chosen.to_json()["robust"],
         "rig_nominal": on_rig,
-        "rig_yield": _on_rig(chosen, asked, nominal.targets[0].points, 1e-3 * on_rig["tolerance_mm"]),
+        "rig_yield": _on_rig(chosen, how, nominal.targets[0].points, 1e-3 * on_rig["tolerance_mm"]),
     }
 
 

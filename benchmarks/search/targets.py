@@ -10,6 +10,7 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import rising_program
+from fabdesign.study_files.study_file import MuscleChoice
 from optimize.search.margins import Limits
 from optimize.search.starts import layout_starts
 from studies.rig.cameras import measure
@@ -48,10 +49,7 @@ def truths() -> list[Truth]:
         cloth = build("vertical")
         if number in (4, 9):
             cloth = build("vertical", fabric=replace(cloth.fabric, width=0.3, height=0.18))
-        drawn = layout_starts(
-            cloth, Limits(), POSES, counts=range(count, count + 1), sides=("front", "back"), number=1, seed=number + 50
-        )
-        space, x = drawn[0]
+        [(space, x)] = layout_starts(cloth, Limits(), POSES, MuscleChoice(count, count), number=1, seed=number + 50)
         design, pressures = space.decode(x)
         if number in (2, 7):
             design = _bent(design)

@@ -4,7 +4,7 @@ pressures.
 Muscles on pressure channels: one each, or shared ones where there are fewer channels or pressures agree.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -69,14 +69,12 @@ class DesignSpace:
     @property
     def units(self) -> Vector:
         """Return (n,) m of positions and Pa of pressures that a variable from 0 to 1 is."""
-        _, span = self._position_range()
-        lowest, highest = self.limits.pressure
-        pressures = self.dimension - self.position_count
-        return np.concatenate([np.tile(span, self.position_count // 2), np.full(pressures, highest - lowest)])
+        return self._by_kind(self._position_range()[1], np.ptp(self.limits.pressure))
 
-    def _by_kind(self, position: float, pressure: float) -> Vector:
-        pressures = self.dimension - self.position_count
-        return np.array([position] * self.position_count + [pressure] * pressures)
+    def _by_kind(self, position: float | Vector, pressure: float) -> Vector:
+        """Return (n,) of values of a position, or of (u, v), and of a pressure."""
+        positions = np.tile(np.broadcast_to(position, 2), self.position_count // 2)
+        return np.concatenate([positions, np.full(self.dimension - self.position_count, pressure)])
 
     def encode(self, design: Design, pressures: Array) -> Vector:
         """Return (n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
@@ -175,6 +173,12 @@ def start_of(layout: Layout, space: DesignSpace) -> tuple[DesignSpace, Vector] |
     return grouped if grouped[0].feasible(grouped[1]) else None
 
 
+def starts_of(layouts: Iterable[Layout], space: DesignSpace) -> list[tuple[DesignSpace, Vector]]:
+    """Return the same of several, without those that break a limit."""
+    starts = (start_of(layout, space) for layout in layouts)
+    return [start for start in starts if start is not None]
+
+
 def by_muscle(start: tuple[DesignSpace, Vector]) -> Layout:
     """Return the muscles of a start, and what acts in each."""
     design, pressures = start[0].decode(start[1])
@@ -189,12 +193,11 @@ def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace
     low, high = space.limits.pressure
     groups: Groups = []
     for k in range(len(muscles)):
-        alike = (g for g in groups if np.all(np.abs(levels[:, k] - levels[:, g[0]]) <= SHARED * (high - low)))
-        group = next(alike, None)
-        if group is None:
-            groups.append([k])
+        alike = [g for g in groups if np.all(np.abs(levels[:, k] - levels[:, g[0]]) <= SHARED * (high - low))]
+        if alike:
+            alike[0].append(k)
         else:
-            group.append(k)
+            groups.append([k])
     return _on_channels((muscles, levels), space, groups) if len(groups) < space.channels else None
 
 

@@ -1,7 +1,6 @@
 """The evaluations of a search: batches within its limits, all recorded, the best kept."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -59,7 +58,7 @@ class Evaluations:
         self.seconds, self._most = seconds, evaluations
         self.limit = seconds
         self._began = working_time.seconds() - history.seconds
-        self._noting = True
+        self.noting = True  # whether what is evaluated may become `best`
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
 
     @property
@@ -124,11 +123,22 @@ class Evaluations:
         """Return value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is
         recorded, and becomes `best` where it is, unless on `cheap`. Raises Stop."""
         results: list[tuple[float, Poses]] = []
+        stage, objective, exact = self.stages[number], self.objective_of(number), cheap is None
         for batch in self._batches(points):
-            self.require_time(self._expected(number, len(batch), cheap is None))
-            begin = self.elapsed
-            results += self._evaluate_batch(number, batch, cheap)
-            self._pace[number, len(batch), cheap is None] = self.elapsed - begin
+            self.require_time(self._expected(number, len(batch), exact))
+            begin, self.stage = self.elapsed, stage.name
+            placed = [(self.space(start, number), x) for start, x in batch]
+            shapes = objective.shapes(cheap or stage.forward, [space.decode(x) for space, x in placed])
+            values = self._record(stage.name + ("" if exact else SLOPES), batch, objective.values(shapes))
+            for value, shape, (space, x), (start, _) in zip(values, shapes, placed, batch, strict=True):
+                if not exact or not space.keeps(x, shape):
+                    continue
+                rival = Best(start, x.copy(), value, number)
+                self.reached.count(rival, len(space.design.muscles))
+                if self.noting:
+                    self.reached.note(rival, shape)
+            results += zip(values, shapes, strict=True)
+            self._pace[number, len(batch), exact] = self.elapsed - begin
             self._on_progress(self)
         return results
 
@@ -157,7 +167,7 @@ class Evaluations:
         for batch in self._batches(points):
             self.require_time()
             new = slopes_of(jacobians, objective, [(self.space(start, number), x) for start, x in batch])
-            self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
+            self._record(self.stages[number].name + SLOPES, batch, objective.values([one.shape for one in new]))
             slopes += new
             self._on_progress(self)
         return slopes
@@ -172,15 +182,6 @@ class Evaluations:
             batch = points[begin : begin + min(BATCH, remaining)]
             begin += len(batch)
             yield batch
-
-    @contextmanager
-    def aside(self) -> Iterator[None]:
-        """Return a context within which nothing becomes `best`."""
-        self._noting = False
-        try:
-            yield
-        finally:
-            self._noting = True
 
     def require_time(self, needed: float = 0.0) -> None:
         """Raise Stop where less than `needed` s are left."""
@@ -203,25 +204,6 @@ class Evaluations:
         state = self.history.load() or {}
         reason, seconds, most = state.get("ended", ["", 0.0, 0])
         return str(reason) if seconds >= self.seconds and most >= self._most else ""
-
-    def _evaluate_batch(
-        self, number: int, batch: Sequence[Point], cheap: ForwardModel | None
-    ) -> list[tuple[float, Poses]]:
-        stage = self.stages[number]
-        self.stage = stage.name
-        points = [(self.space(start, number), x) for start, x in batch]
-        objective = self.objective_of(number)
-        shapes = objective.shapes(cheap or stage.forward, points)
-        label = stage.name if cheap is None else stage.name + SLOPES
-        values = self._record(label, batch, [objective.value(shape) for shape in shapes])
-        for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
-            if cheap is not None or not space.keeps(x, shape):
-                continue
-            rival = Best(start, x.copy(), value, number)
-            self.reached.count(rival, len(space.design.muscles))
-            if self._noting:
-                self.reached.note(rival, shape)
-        return list(zip(values, shapes, strict=True))
 
     def _record(self, label: str, batch: Sequence[Point], computed: Sequence[float]) -> list[float]:
         """Return the values [m], a penalty for each that is none, as they stand in the history."""

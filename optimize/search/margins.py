@@ -118,12 +118,8 @@ class LinearContraction:
         self._chords, self._slopes = self._intervals.chords(shape), self._intervals.chords(slopes)
         self._muscles = range(len(design.muscles))
 
-    @property
-    def count(self) -> int:
-        return len(self._chords) * len(self._muscles)
-
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Return (count,) margins, negative where violated, and their slopes (count, n)."""
+        """Return (muscles poses,) margins, negative where violated, and their slopes (muscles poses, n)."""
         chords = self._chords + np.tensordot(x - self._centre, self._slopes, axes=1)
         contracted = self._intervals.contraction(chords)  # (poses, k)
         lengths = np.maximum(np.linalg.norm(chords, axis=-1), 1e-12)
@@ -163,21 +159,16 @@ class Margins:
         self._bent = [(*self._corners[i], kinds[i].min_bend_radius or 0.0) for i in bent]
         self._spacing = limits.spacing
         pairs = [(j, i) for i in range(len(muscles)) for j in range(i) if muscles[i].side == muscles[j].side]
-        self._segments, self._groups = self._of_pairs(pairs)
+        self._segments: list[tuple[int, int]] = []  # corners that all pairs of segments start at
+        self._groups: list[int] = []  # where each pair of muscles begins
+        for j, i in pairs:
+            self._groups.append(len(self._segments))
+            one, other = (range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))
+            self._segments += product(one, other)
         alone = {"shortest": range(len(muscles)), "stock_length": self._stocked, "min_bend_radius": bent}
         of: list[tuple[str, tuple[int, ...]]] = [(name, (i,)) for name, whom in alone.items() for i in whom]
         of += [("spacing", pair) for pair in pairs]
         self.names, self.muscles = tuple(name for name, _ in of), tuple(whom for _, whom in of)
-
-    def _of_pairs(self, pairs: list[tuple[int, int]]) -> tuple[list[tuple[int, int]], list[int]]:
-        """Return the corners that all pairs of segments start at, and where each pair of muscles begins."""
-        segments: list[tuple[int, int]] = []
-        groups: list[int] = []
-        for j, i in pairs:
-            groups.append(len(segments))
-            one, other = (range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))
-            segments += product(one, other)
-        return segments, groups
 
     def lengths(self, corners: Array) -> Array:
         """Return (..., muscles) m on the flat cloth."""

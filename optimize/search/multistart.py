@@ -17,7 +17,7 @@ from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import Vector
 from optimize.search.evaluations import Evaluations, Stop
-from optimize.search.local_search import LocalSearch
+from optimize.search.local_search import LinearShape, LocalSearch
 from optimize.search.objective import Objective, Poses
 from optimize.search.search_state import FurtherStarts, SearchState, add_starts, load_state, save_state
 
@@ -27,6 +27,7 @@ AGREE = 3  # searches from different starts that end as near as the best one doe
 ALIKE = 0.01  # of the best value, by which such ends may differ
 IDLE = 3  # restarts that came no nearer than NO_GAIN of the best value: a further one is not worth its time
 NO_GAIN = 0.005
+Questions = tuple[LocalSearch, list[Vector]]  # what a search wants evaluated
 AT_ONCE = 8  # designs that take a simulator no longer than one: so many trials a round, shared by the searches
 
 
@@ -123,7 +124,7 @@ def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | N
     best = evaluations.best
     if further is None or best is None:
         return False
-    at.bests.append([best.start, best.x.tolist(), best.value, best.stage])
+    at.bests.append(best.as_row())
     at.stage, at.searches = 0, []
     evaluations.restart_began = evaluations.elapsed
     add_starts(evaluations, at, further)
@@ -218,8 +219,8 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
         xs = local.trials(objective, many, even_targets=evaluations.even_targets)
         trials.append(xs)
         ahead = xs and local.rounds < stage.rounds - 1 and not known and stage.slopes is None
-        wanted.append(xs + (local.differences(xs[0]) if ahead else []))
-    for local, xs, values in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
+        wanted.append((local, xs + (local.differences(xs[0]) if ahead else [])))
+    for local, xs, values in zip(searches, trials, _evaluate_all(evaluations, number, wanted), strict=True):
         local.accept(objective, xs, values[: len(xs)], [shape for _, shape in values[len(xs) :]])
         local.done = local.done or local.rounds >= stage.rounds
 
@@ -238,33 +239,27 @@ def run_rounds(
 
 
 def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> None:
-    bare = [s for s in searches if s.shape is None]
-    for local, [(_, shape)] in zip(bare, _evaluate_all(evaluations, number, bare, [[s.x] for s in bare]), strict=True):
+    bare = [(s, [s.x]) for s in searches if s.shape is None]
+    for (local, _), [(_, shape)] in zip(bare, _evaluate_all(evaluations, number, bare), strict=True):
         local.shape = shape
     if evaluations.jacobians(number) is not None:
         slopes = evaluations.slopes(number, [(s.start, s.x) for s in searches])
         for local, slope in zip(searches, slopes, strict=True):
-            local.take(slope)
+            assert local.shape is not None
+            local.model = LinearShape(local.x, local.shape, slope.by_variable)
     else:
         cheap = evaluations.stages[number].slopes
-        wanted = [s.lacks(known=cheap is None) for s in searches]
-        for local, values in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
+        wanted = [(s, s.lacks(known=cheap is None)) for s in searches]
+        for local, values in zip(searches, _evaluate_all(evaluations, number, wanted, cheap), strict=True):
             local.linearise([shape for _, shape in values])
-    taught = [s for s in searches if s.learned]  # after a checkpoint
-    for local, values in zip(
-        taught, _evaluate_all(evaluations, number, taught, [s.learned for s in taught]), strict=True
-    ):
+    taught = [(s, s.learned) for s in searches if s.learned]  # after a checkpoint
+    for (local, _), values in zip(taught, _evaluate_all(evaluations, number, taught), strict=True):
         local.learn([shape for _, shape in values])
 
 
 def _evaluate_all(
-    evaluations: Evaluations,
-    number: int,
-    searches: list[LocalSearch],
-    xs: list[list[Vector]],
-    cheap: ForwardModel | None = None,
+    evaluations: Evaluations, number: int, wanted: Sequence[Questions], cheap: ForwardModel | None = None
 ) -> list[list[tuple[float, Poses]]]:
-    """Return each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
-    flat = [(local.start, x) for local, vectors in zip(searches, xs, strict=True) for x in vectors]
-    results = iter(evaluations.evaluate(number, flat, cheap))
-    return [[next(results) for _ in vectors] for vectors in xs]
+    """Return what each search wants evaluated, all in common batches; on the stage's model, or on `cheap`."""
+    results = iter(evaluations.evaluate(number, [(local.start, x) for local, xs in wanted for x in xs], cheap))
+    return [[next(results) for _ in xs] for _, xs in wanted]

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
@@ -20,7 +19,6 @@ from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.study_file import MeasureName
-from optimize.search.design_space import DesignSpace, Vector
 
 Poses = Array  # (poses, 2 n, 3) m: one design under each pose's pressures
 # m, of distances and their shares; and its slope by each
@@ -73,14 +71,13 @@ class Objective:
         return np.asarray(weights / weights.sum())
 
     def shapes(
-        self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]], models: Sequence[Predictor] = ()
+        self, forward: ForwardModel, layouts: Sequence[tuple[Design, Array]], models: Sequence[Predictor] = ()
     ) -> list[Poses]:
-        """Return the shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its
-        own adds."""
-        decoded = [space.decode(x) for space, x in points]
-        shapes: list[list[Poses]] = [[] for _ in points]
+        """Return the shape of each design under its (poses, channels) pressures [Pa]; a diverged one holds NaN. models:
+        of which each design's cases carry what its own adds."""
+        shapes: list[list[Poses]] = [[] for _ in layouts]
         for pose, target in enumerate(self.targets):
-            cases = self.cases(pose, decoded)
+            cases = self.cases(pose, layouts)
             if models:
                 cases = [model.case(case) for model, case in zip(models, cases, strict=True)]
             if target.time is None:
@@ -91,12 +88,12 @@ class Objective:
                 shape.append(refined(np.asarray(cloud, np.float64)))
         return [np.array(shape) for shape in shapes]
 
-    def cases(self, pose: int, decoded: Sequence[tuple[Design, Poses]]) -> list[Case]:
+    def cases(self, pose: int, layouts: Sequence[tuple[Design, Array]]) -> list[Case]:
         """Return the cases of designs, each with its (poses, channels) pressures [Pa], in one pose."""
         duration = self.targets[pose].time or 0.0
         return [
             Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
-            for design, pressures in decoded
+            for design, pressures in layouts
         ]
 
     def value(self, shape: Poses) -> float:
@@ -104,6 +101,10 @@ class Objective:
         if not np.all(np.isfinite(shape)):
             return float("nan")
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
+
+    def values(self, shapes: Sequence[Poses]) -> list[float]:
+        """Return m of each; infinite where it is not finite."""
+        return [value if np.isfinite(value := self.value(shape)) else np.inf for shape in shapes]
 
     def nearest(self, shapes: Sequence[Poses]) -> list[tuple[int, int]]:
         """Return for each target which of the shapes, and which pose of it, comes nearest to it, of those computed for
@@ -217,7 +218,9 @@ def _faces_gradient(measured: Array, model: Array, target: Target, norm: Norm) -
     corners = surface.triangles[nearest.triangle]  # (n, 3)
     away = np.einsum("nk,nkd->nd", nearest.weights, model[corners]) - measured
     pull = (slope / np.maximum(nearest.distance, 1e-12))[:, None] * away
-    return value, _on_corners(corners, nearest.weights, pull, len(model))
+    on_corners = (nearest.weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
+    columns = [np.bincount(corners.ravel(), on_corners[:, axis], len(model)) for axis in range(3)]
+    return value, np.stack(columns, axis=1)
 
 
 def _capped_rms(distance: Array, shares: Array) -> tuple[float, Array]:
@@ -228,13 +231,6 @@ def _capped_rms(distance: Array, shares: Array) -> tuple[float, Array]:
 
 def _mean(distance: Array, shares: Array) -> tuple[float, Array]:
     return float(shares @ distance), shares
-
-
-def _on_corners(corners: NDArray[np.intp], weights: Array, pull: Array, count: int) -> Array:
-    """Return (count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
-    shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
-    columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
-    return np.stack(columns, axis=1)
 
 
 def refined(cloud: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from fabdesign.formats.json_file import plain
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import DesignSpace
@@ -43,16 +44,7 @@ def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts
 def save_state(evaluations: Evaluations, at: SearchState) -> None:
     """Write the state into the history of `evaluations`, after a round."""
     rows = [
-        [
-            s.start,
-            s.x.tolist(),
-            s.value,
-            s.radius,
-            s.rounds,
-            s.done,
-            None if s.slopes_at is None else s.slopes_at.tolist(),
-            [x.tolist() for x in s.learned],
-        ]
+        [s.start, s.x.tolist(), s.value, s.radius, s.rounds, s.done, *plain([s.slopes_at, s.learned])]
         for s in at.searches
     ]
     state = {
@@ -106,21 +98,15 @@ class StartRow(TypedDict):
     pressures: list[list[float]]  # Pa, of each pose
 
 
-def as_rows(starts: Sequence[Start]) -> list[StartRow]:
+def as_row(start: Start) -> StartRow:
     """Return muscles, and (poses, channels) pressures in Pa."""
-    rows: list[StartRow] = []
-    for space, x in starts:
-        design, pressures = space.decode(x)
-        rows.append({"muscles": [asdict(muscle) for muscle in design.muscles], "pressures": pressures.tolist()})
-    return rows
+    design, pressures = start[0].decode(start[1])
+    return {"muscles": [asdict(muscle) for muscle in design.muscles], "pressures": pressures.tolist()}
 
 
-def of_rows(rows: Sequence[StartRow], cloth: Design, limits: Limits) -> list[Start]:
-    """Return what `as_rows` gave, on the cloth and with the muscle types of a design."""
-    starts = []
-    for row in rows:
-        muscles = [Muscle(**{**keys, "path": ()}).along(keys["path"]) for keys in row["muscles"]]
-        design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
-        space = DesignSpace(design, limits, pressures, vary_positions=True)
-        starts.append((space, space.encode(design, pressures)))
-    return starts
+def of_row(row: StartRow, cloth: Design, limits: Limits) -> Start:
+    """Return what `as_row` gave, on the cloth and with the muscle types of a design."""
+    muscles = [Muscle(**{**keys, "path": ()}).along(keys["path"]) for keys in row["muscles"]]
+    design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
+    space = DesignSpace(design, limits, pressures, vary_positions=True)
+    return space, space.encode(design, pressures)

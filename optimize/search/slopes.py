@@ -7,23 +7,23 @@ steps that it tries (optimize/search/local_search.py).
 Changes that would bring a result nearer: the objective to first order, where a limit were wider or a constant
 another one, with the design's own variables adjusted to it.
 
-The shape is linear in the change and in the variables; NLopt takes the best step of it (`step.py`), so that no
+The shape is linear in the change and in the variables; NLopt takes the best step of it (`local_search.py`), so that no
 simulation but one Jacobian is needed. To first order only: good for saying what matters, not for how much.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fabdesign.nouns import column
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, Jacobians
+from fabdesign.nouns.column import Column, FacesJacobian, Jacobians
 from fabdesign.nouns.forward import Case, ForwardModel
 from optimize.search.design_space import PRESSURE_STEP, DesignSpace, Vector
+from optimize.search.local_search import LinearShape, best_step
 from optimize.search.objective import LATE, Objective, Poses, refined
-from optimize.search.step import LinearShape, best_step
 
 Corner = tuple[int, int, int]  # muscle, corner of its path, axis
 
@@ -54,70 +54,63 @@ def slopes_of(
     """Return the slopes of every point, whatever its layout, by its variables and by further columns; a batch for each
     pose."""
     decoded = [space.decode(x) for space, x in points]
-    corners = sorted({corner for space, _ in points for corner in _corners(space)})
+    corners = sorted({corner for space, _ in points for corner in corners_of(space)})
     channels = max(space.channels * space.vary_pressures for space, _ in points)
     span = max(np.ptp(space.limits.pressure) for space, _ in points)
     columns = [
-        *map(_of_corner, corners),
+        *map(_within_cloth, corners),
         *(column.pressure(k, far=PRESSURE_STEP * span) for k in range(channels)),
         *further,
     ]
     place = {corner: k for k, corner in enumerate(corners)}
-    jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
+    poses = range(len(objective.targets))
+    jacobian_of = [refined_jacobians(jacobians, objective.cases(pose, decoded), columns) for pose in poses]
     results = []
     for i, (space, x) in enumerate(points):
-        rows = [place[corner] for corner in _corners(space)]
-        shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in jacobian_of])
+        rows = [place[corner] for corner in corners_of(space)]
+        shape = np.array([pose[i].points for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
-        at = space.position_count
-        for pose, jacobian in enumerate(one[i] for one in jacobian_of):
-            changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
+        at, many = space.position_count, space.channels
+        for pose, changes in enumerate(one[i].changes for one in jacobian_of):
             by_further[:, pose] = changes[len(columns) - len(further) :]
-            by_variable[: space.position_count, pose] = changes[rows] * space.units[: space.position_count, None, None]
+            by_variable[: space.position_count, pose] = changes[rows]
             if space.vary_pressures:
-                many = space.channels
-                by_variable[at : at + many, pose] = (
-                    changes[len(corners) : len(corners) + many] * space.units[at : at + many, None, None]
-                )
+                by_variable[at : at + many, pose] = changes[len(corners) : len(corners) + many]
                 at += many
+        by_variable *= space.units[:, None, None, None]
         by_variable[~np.isfinite(by_variable).all(axis=(1, 2, 3))] = 0.0
         results.append(Slopes(shape, by_variable, by_further))
     return results
 
 
-class ByColumns(NamedTuple):
-    """The slopes of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
-
-    shape: Poses  # (poses, 2 n, 3) m, at rest
-    changes: Array  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
-    exact: bool
-
-
-def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> ByColumns:
-    """Return how the shapes of one design, a case a pose, change with columns."""
-    of_cases = [jacobians([case], columns)[0] for case in cases]
-    shape = np.array([refined(np.asarray(one.points, float)) for one in of_cases])
-    changes = np.stack([np.array([refined(change) for change in one.changes]) for one in of_cases], axis=1)
-    return ByColumns(shape, changes, all(bool(one.exact.all()) for one in of_cases))
+def refined_jacobians(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+    """Return what `jacobians` gives, its shapes and their changes `refined`."""
+    return [
+        FacesJacobian(
+            refined(np.asarray(one.points, float)),
+            np.array([refined(change) for change in one.changes]).reshape(len(columns), -1, 3),
+            one.exact,
+        )
+        for one in jacobians(cases, columns)
+    ]
 
 
-def _corners(space: DesignSpace) -> list[Corner]:
-    """Return the corners in the order of the space's variables."""
+def corners_of(space: DesignSpace) -> list[Corner]:
+    """Return the corners in the order of the space's variables; none where they stay."""
     if not space.vary_positions:
         return []
     return [(m, k, axis) for m, one in enumerate(space.design.muscles) for k in range(len(one.path)) for axis in (0, 1)]
 
 
-def _of_corner(corner: Corner) -> Column:
+def corner_column(corner: Corner) -> Column:
     """Return the column [m] of a corner."""
     muscle, index, axis = corner
-    moving = column.corner(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
-    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", room=_inside(corner))
+    return column.corner(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
 
 
-def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
-    """Return how far the corner may go within the cloth."""
+def _within_cloth(corner: Corner) -> Column:
+    """Return the same, with its room within the cloth."""
     muscle, index, axis = corner
 
     def room(case: Case) -> tuple[float, float]:
@@ -127,43 +120,27 @@ def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
         at = muscles[muscle].path[index][axis]
         return -at, (fabric.width, fabric.height)[axis] - at
 
-    return room
+    moving = corner_column(corner)
+    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", room=room)
 
 
 RADIUS = 0.1  # reaches within which the variables adjust: farther the shape is not linear
-
-
-@dataclass(frozen=True)
-class Change:
-    """`by` units of a column."""
-
-    what: str  # for people, as in "20 % less bending stiffness"
-    column: Column
-    by: float
-
-
-@dataclass(frozen=True)
-class Nearer:
-    """value: m of the objective to first order."""
-
-    what: str
-    value: float
 
 
 def what_helps(
     jacobians: Jacobians,
     objective: Objective,
     point: tuple[DesignSpace, Vector],
-    changes: Sequence[Change],
+    changes: Mapping[str, tuple[Column, float]],
     wider: Mapping[str, DesignSpace],
-    others: Mapping[str, DesignSpace] | None = None,
-) -> tuple[float, list[Nearer]]:
-    """Return the value [m] that the same step comes to without any change, and what each change, each wider space of
-    the same design and each other design of as many muscles and corners, by their names, would; the nearest first."""
+    others: Mapping[str, DesignSpace],
+) -> tuple[float, dict[str, float]]:
+    """Return the value [m] that the same step comes to without any change, and what each change by so many units of a
+    column, each wider space of the same design and each other design of as many muscles and corners, by their names,
+    would; to first order, the nearest first."""
     space, x = point
     layout = space.decode(x)
-    columns = {relaxed.column.name: relaxed.column for relaxed in changes}
-    others = others or {}
+    columns = {direction.name: direction for direction, _ in changes.values()}
     places = [(relaxed, relaxed.encode(*layout)) for relaxed in others.values()]
     slopes, *of_others = slopes_of(jacobians, objective, [point, *places], [*columns.values()])
     of_column = dict(zip(columns, slopes.by_further, strict=True))
@@ -177,13 +154,9 @@ def what_helps(
         by_variable = slopes.by_variable * (relaxed.units / space.units)[:, None, None, None]
         return stepped(relaxed, LinearShape(relaxed.encode(*layout), shape, by_variable))
 
-    shifted = [slopes.shape + relaxed.by * of_column[relaxed.column.name] for relaxed in changes]
-    nearer = [Nearer(relaxed.what, reached(shape, space)) for relaxed, shape in zip(changes, shifted, strict=True)]
-    nearer += [Nearer(what, reached(slopes.shape, relaxed)) for what, relaxed in wider.items()]
-    nearer += [
-        Nearer(what, stepped(relaxed, LinearShape(there, of_other.shape, of_other.by_variable)))
-        for what, (relaxed, there), of_other in zip(others, places, of_others, strict=True)
-    ]
-    return reached(slopes.shape, space), sorted(
-        (relaxed for relaxed in nearer if np.isfinite(relaxed.value)), key=lambda relaxed: relaxed.value
-    )
+    values = {what: reached(slopes.shape + by * of_column[moved.name], space) for what, (moved, by) in changes.items()}
+    values |= {what: reached(slopes.shape, relaxed) for what, relaxed in wider.items()}
+    for what, (relaxed, there), one in zip(others, places, of_others, strict=True):
+        values[what] = stepped(relaxed, LinearShape(there, one.shape, one.by_variable))
+    finite = [(what, value) for what, value in values.items() if np.isfinite(value)]
+    return reached(slopes.shape, space), dict(sorted(finite, key=lambda item: item[1]))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -14,10 +13,10 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.design_space import DesignSpace, Vector, start_of
+from fabdesign.study_files.study_file import MuscleChoice, Side
+from optimize.search.design_space import DesignSpace, Layout, Vector, start_of, starts_of
 from optimize.search.margins import Limits
 
-Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]
 
 TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
@@ -37,20 +36,18 @@ def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
     return [(space, first), *((space, row) for row in rows)]
 
 
-def catalogue_starts(
-    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
-) -> list[Start]:
+def catalogue_starts(design: Design, limits: Limits, poses: int, choice: MuscleChoice) -> list[Start]:
     """Return the catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it
     from either end, of the most and of about half as many muscles, at the highest pressure and at the middle; those
     that keep the limits. Several poses have different pressures, and pull on each face alone too."""
     space = DesignSpace(design, limits, np.zeros((poses, 0)))
-    kind = next(iter(design.muscle_types.values()))
-    starts: list[Start | None] = []
-    for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
+    name, kind = next(iter(design.muscle_types.items()))
+    layouts: list[Layout] = []
+    for count in sorted({choice.most, max(choice.least, (choice.most + 1) // 2)}, reverse=True):
         gaps = (np.arange(count) + 0.5) / count - 0.5
-        starts += [
-            _start(space, _part(lines, *part), [next(iter(design.muscle_types))] * count, [side] * count, pressures)
-            for side in sides
+        layouts += [
+            (_straight(space, _part(lines, *part), [name] * count, [side] * count), pressures)
+            for side in choice.sides
             for lines in (_lines(space, gaps, angle) for angle in (0.0, np.pi / 2))
             for part in PARTS
             for pressures in _levels(limits, poses, [side] * count)
@@ -62,10 +59,10 @@ def catalogue_starts(
                 ).muscles
             except InputError:  # no such count, or no room for it
                 continue
-            if {muscle.side for muscle in drawn} <= set(sides):
+            if {muscle.side for muscle in drawn} <= set(choice.sides):
                 levels = _levels(limits, poses, [muscle.side for muscle in drawn])
-                starts += [start_of((drawn, pressures), space) for pressures in levels]
-    return [start for start in starts if start is not None]
+                layouts += [(drawn, pressures) for pressures in levels]
+    return starts_of(layouts, space)
 
 
 def _levels(limits: Limits, poses: int, sides: Sequence[str]) -> list[Array]:
@@ -84,7 +81,7 @@ def _faces(sides: Sequence[str]) -> list[NDArray[np.bool_]]:
 
 
 def layout_starts(
-    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side], number: int, seed: int
+    design: Design, limits: Limits, poses: int, choice: MuscleChoice, *, number: int, seed: int
 ) -> list[Start]:
     """Return up to `number` drawn layouts on the design's cloth, each with a channel of its own for every muscle.
 
@@ -94,12 +91,12 @@ def layout_starts(
     not fit the cloth are absent.
     """
     space, rng = DesignSpace(design, limits, np.zeros((poses, 0))), np.random.default_rng(seed)
-    turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
+    turns = [n for lowest in range(choice.most, 0, -1) for n in choice.counts if n >= lowest]
     starts: list[Start] = []
     crowded = set()
     for i in range(number):
         count = turns[i % len(turns)]
-        start = None if count in crowded else _draw(space, count, sides, rng)
+        start = None if count in crowded else _draw(space, count, choice.sides, rng)
         if start is None:
             crowded.add(count)
         else:
@@ -107,21 +104,17 @@ def layout_starts(
     return starts
 
 
-def thinned_starts(
-    design: Design, limits: Limits, pressures: Array, count: int, *, number: int, seed: int
-) -> list[Start]:
-    """Return layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel
-    for each: all that there are, or `number` of them drawn by `seed`."""
-    space = DesignSpace(design, limits, pressures)
+def thinned_starts(space: DesignSpace, count: int, *, number: int, seed: int) -> list[Start]:
+    """Return layouts of `count` of the design's own muscles, under the pressures that it begins with, a channel for
+    each: all that there are, or `number` of them drawn by `seed`."""
+    design, pressures = space.design, space.start_pressures
     subsets = list(combinations(range(len(design.muscles)), count))
     if len(subsets) > number:
         chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
         subsets = [subsets[i] for i in sorted(chosen)]
-    starts = []
-    for subset in subsets:
-        kept = [design.muscles[i] for i in subset]
-        starts.append(start_of((kept, pressures[:, [muscle.channel for muscle in kept]]), space))
-    return [start for start in starts if start is not None]
+    layouts = [[design.muscles[i] for i in subset] for subset in subsets]
+    by_channel = ((kept, pressures[:, [muscle.channel for muscle in kept]]) for kept in layouts)
+    return starts_of(by_channel, space)
 
 
 def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator) -> Start | None:
@@ -137,7 +130,7 @@ def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator)
             pressures[:] = limits.pressure[0] + rng.uniform(0.5, 1.0) * np.ptp(limits.pressure)
             if len(pressures) > 1:
                 pressures = _parts_pull(limits, len(pressures), drawn, rng)
-        start = _start(space, lines, kinds, drawn, pressures)
+        start = start_of((_straight(space, lines, kinds, drawn), pressures), space)
         if start is not None:
             return start
     return None
@@ -156,15 +149,10 @@ def _parts_pull(limits: Limits, poses: int, sides: Sequence[str], rng: Generator
     return np.where(parts, low + rng.uniform(0.5, 1.0, (poses, 1)) * (high - low), low)
 
 
-def _start(
-    space: DesignSpace, lines: Array, kinds: Sequence[str], sides: Sequence[Side], pressures: Array
-) -> Start | None:
-    """Return straight muscles with a channel each, under (poses, muscles) Pa; None where they break a limit."""
+def _straight(space: DesignSpace, lines: Array, kinds: Sequence[str], sides: Sequence[Side]) -> list[Muscle]:
+    """Return a muscle along each of (muscles, 2, 2) m."""
     pitch = _pitch(space.design)
-    muscles = [
-        Muscle(kind, side, 0, (), pitch).along(line) for kind, side, line in zip(kinds, sides, lines, strict=True)
-    ]
-    return start_of((muscles, pressures), space)
+    return [Muscle(kind, side, 0, (), pitch).along(line) for kind, side, line in zip(kinds, sides, lines, strict=True)]
 
 
 def _pitch(design: Design) -> float:

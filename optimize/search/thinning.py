@@ -55,24 +55,25 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
         return replace(smallest, ended="the search ended before the full model", cut=True)
     begun, lowest, highest = len(evaluations.starts), least, count
     layout = by_muscle((space, x))
+    evaluations.noting = False
     try:
-        with evaluations.aside():
-            while lowest < highest:
-                size = (lowest + highest) // 2
-                allowed = price.allowed(value, count - size)
-                smaller = _searched(evaluations, _thinned(evaluations, layout, space, size), allowed)
-                if smaller is None:
-                    lowest = size + 1
-                    continue
-                highest = size
-                smallest = replace(smallest, start=(smaller.space, smaller.x), value=smaller.value, ended="")
-                layout = by_muscle((smaller.space, smaller.x))
-            if evaluations.stages[last].vary_positions:
-                smallest = _simpler(evaluations, smallest, straightened(smallest.start), price)
-            return _simpler(evaluations, smallest, with_shared_channels(smallest.start), price)
+        while lowest < highest:
+            size = (lowest + highest) // 2
+            allowed = price.allowed(value, count - size)
+            smaller = _searched(evaluations, _thinned(evaluations, layout, space, size), allowed)
+            if smaller is None:
+                lowest = size + 1
+                continue
+            highest = size
+            smallest = replace(smallest, start=(smaller.space, smaller.x), value=smaller.value, ended="")
+            layout = by_muscle((smaller.space, smaller.x))
+        if evaluations.stages[last].vary_positions:
+            smallest = _simpler(evaluations, smallest, straightened(smallest.start), price)
+        return _simpler(evaluations, smallest, with_shared_channels(smallest.start), price)
     except Stop as stop:
         return replace(smallest, ended=smallest.ended and str(stop), cut=True)
     finally:
+        evaluations.noting = True
         del evaluations.starts[begun:]
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.random import Generator
 
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.design_space import DesignSpace, Layout, Vector, by_muscle, start_of
-from optimize.search.starts import PITCH, Side, Start, random_line
+from fabdesign.study_files.study_file import MuscleChoice, Side
+from optimize.search.design_space import DesignSpace, Layout, Vector, by_muscle, start_of, starts_of
+from optimize.search.starts import PITCH, Start, random_line
 
 TRIES = 40  # of a variation before it is left out
 SHIFT = 0.15  # of the cloth: a line's end moves by as much, as a standard deviation
@@ -18,12 +19,10 @@ SLIGHT = 0.05  # the same where all lines move
 BEND = 0.1  # of a leg, that its new corner lies off it, as a standard deviation
 
 
-def variations(
-    best: Start, *, counts: range, sides: Sequence[Side], number: int, seed: int, corners: int = 0
-) -> list[Start]:
+def variations(best: Start, choice: MuscleChoice, *, number: int, seed: int) -> list[Start]:
     """Return up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other
-    face, drawn anew, with a corner more (`corners` between its ends at most) or less, or its ends or pressure moved;
-    all lines shifted or moved a little. All keep the limits.
+    face, drawn anew, with a corner more or less, or its ends or pressure moved; all lines shifted or moved a little.
+    All keep the limits.
 
     A muscle that shares its channel gets one of its own, as far as the limits have channels.
     """
@@ -34,7 +33,7 @@ def variations(
         for _ in range(TRIES):
             layout = by_muscle(best)
             for _ in range(int(rng.integers(1, 3))):
-                layout = _moved(layout, space, counts, sides, corners, rng)
+                layout = _moved(layout, space, choice, rng)
             start = start_of(layout, space)
             if start is not None:
                 starts.append(start)
@@ -47,8 +46,7 @@ def with_corners(best: Start, corners: int) -> list[Start]:
     for a search by derivatives to move. None where no muscle may have one more."""
     muscles, pressures = by_muscle(best)
     bent = [_bent(muscle, 0.0) if len(muscle.path) - 2 < corners else muscle for muscle in muscles]
-    start = start_of((bent, pressures), best[0]) if bent != [*muscles] else None
-    return [] if start is None else [start]
+    return starts_of([(bent, pressures)] if bent != [*muscles] else [], best[0])
 
 
 def straightened(start: Start) -> Start | None:
@@ -71,30 +69,28 @@ def doubled(start: Start, muscle: int, share: float) -> Start | None:
     return start_of(([*muscles[:muscle], *pair, *muscles[muscle + 1 :]], both), space)
 
 
-def _moved(
-    layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], corners: int, rng: Generator
-) -> Layout:
+def _moved(layout: Layout, space: DesignSpace, choice: MuscleChoice, rng: Generator) -> Layout:
     muscles, pressures = [*layout[0]], layout[1].copy()
     k = int(rng.integers(len(muscles)))
     size, placed = space.size, partial(_inside, space=space)
     moves = ["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"]
-    moves += ["bend"] * (corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
+    moves += ["bend"] * (choice.corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
     move = rng.choice(moves)
-    if move == "add" and len(muscles) + 1 in counts:
+    if move == "add" and len(muscles) + 1 in choice.counts:
         muscles.append(placed(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2)))
         pressures = np.concatenate([pressures, pressures[:, k : k + 1]], axis=1)
-    elif move == "drop" and len(muscles) - 1 in counts:
+    elif move == "drop" and len(muscles) - 1 in choice.counts:
         del muscles[k]
         pressures = np.delete(pressures, k, axis=1)
     elif move == "flip":
-        muscles[k] = replace(muscles[k], side=sides[int(rng.integers(len(sides)))])
+        muscles[k] = replace(muscles[k], side=choice.sides[int(rng.integers(len(choice.sides)))])
         pressures[:, k] = pressures.max(axis=1)  # what was idle on one face may pull on the other
     elif move == "draw":
         muscles[k] = placed(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size)
     elif move == "ends":
         noise = SHIFT * size * rng.standard_normal((len(muscles[k].path), 2))
         muscles[k] = placed(muscles[k], _path(muscles[k]) + noise)
-    elif move == "bend" and len(muscles[k].path) - 2 < corners:
+    elif move == "bend" and len(muscles[k].path) - 2 < choice.corners:
         bent = _bent(muscles[k], BEND * rng.standard_normal())
         muscles[k] = placed(bent, _path(bent))
     elif move == "straighten":
@@ -142,15 +138,13 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
     layout, space = by_muscle(best), best[0]
     rng = np.random.default_rng(seed)
     further = count - len(layout[0])
-    starts = []
+    layouts = []
     for _ in range(number if further > 0 else 1):
         grown: Layout | None = layout
         for _ in range(further):
             grown = None if grown is None else _with_one_more(grown, space, sides, rng)
-        start = None if grown is None else start_of(grown, space)
-        if start is not None:
-            starts.append(start)
-    return starts
+        layouts += [] if grown is None else [grown]
+    return starts_of(layouts, space)
 
 
 def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
@@ -160,8 +154,8 @@ def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
         single, pressures = by_muscle(start)
         low, high = start[0].limits.pressure
         pressures[:, muscles:] = low + share * (high - low)
-        shifted.append(start_of((single, pressures), start[0]))
-    return [start for start in shifted if start is not None]
+        shifted += starts_of([(single, pressures)], start[0])
+    return shifted
 
 
 def _with_one_more(layout: Layout, space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Layout | None:
@@ -180,11 +174,10 @@ def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side],
     if muscles and rng.random() < BESIDE:
         neighbour = muscles[int(rng.integers(len(muscles)))]
         shift = SHIFT * space.size * rng.standard_normal((len(neighbour.path), 2))
-        path = np.array(neighbour.path) + shift
+        path = _path(neighbour) + shift
         kind, pitch = neighbour.type, neighbour.fixed_point_pitch
     else:
         path = random_line(space, rng)
         kind = str(rng.choice(list(space.design.muscle_types)))
         pitch = muscles[0].fixed_point_pitch if muscles else PITCH
-    drawn = Muscle(type=kind, side=side, channel=0, path=(), fixed_point_pitch=pitch)
-    return _inside(drawn, path, space)
+    return _inside(Muscle(kind, side, 0, (), pitch), path, space)

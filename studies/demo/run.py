@@ -30,7 +30,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import Evaluations
 from studies.demo.measured import DATA, MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
-from studies.layouts import VERSIONS, Section, StudyResult, render_report, run_study
+from studies.layouts import VERSIONS, StudyResult, render_report, run_study
 
 TARGET = "demo_target.npz"
 MEASURED = "measured.json"  # what the measured trials say of the model, kept
@@ -85,12 +85,12 @@ def run_demo(
             if work.complete and shipped is None:
                 say("evaluating the shipped model on measured trials")
                 shipped = evaluate_shipped(forward=forward)
-            sections = [Section(TITLES[result.study.name], result) for result in results]
+            sections = {TITLES[result.study.name]: result for result in results}
             with work.adding() as files:
                 more = [] if shipped is None else as_blocks(shipped)
                 page = render_report("A measured shape becomes a layout", sections, more=more)
                 write_text(files / "report.html", page)
-                save_picture([(section.title, section.result) for section in sections], files / "demo.png")
+                save_picture([*sections.items()], files / "demo.png")
                 if shipped is not None:
                     write_json(files / MEASURED, {"content": content, "errors": shipped.kept()})
     return Demo(results, shipped)

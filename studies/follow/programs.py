@@ -103,18 +103,16 @@ def best_change(hessian: Array, gradient: Array, regulator: Regulator, rows: tup
     before, pressures = rows
     count, channels = pressures.shape
     eye: Array = np.eye(count * channels)
-    bounds: list[tuple[Array, Array]] = [
-        (eye, np.maximum(regulator.lowest - pressures, -most).ravel()),
-        (-eye, -np.minimum(regulator.highest - pressures, most).ravel()),
-    ]
+    matrix = [eye, -eye]
+    least = [np.maximum(regulator.lowest - pressures, -most), -np.minimum(regulator.highest - pressures, most)]
     if np.isfinite(regulator.rate):
         step = np.asarray(np.kron(np.diff(np.eye(count + 1), axis=0)[:, 1:], np.eye(channels)), np.float64)
-        now = np.diff(np.concatenate([before[None], pressures]), axis=0).ravel()
+        now = np.diff(np.concatenate([before[None], pressures]), axis=0)
         room = max(regulator.change, 0.0)
-        bounds += [(step, np.minimum(-room - now, 0.0)), (-step, np.minimum(now - room, 0.0))]
-    matrix = np.concatenate([rows_of_limit for rows_of_limit, _ in bounds])
-    least = np.concatenate([values for _, values in bounds]) / UNIT
-    return UNIT * _least_distance(hessian, gradient, matrix, least).reshape(count, channels)
+        matrix += [step, -step]
+        least += [np.minimum(-room - now, 0.0), np.minimum(now - room, 0.0)]
+    bounds = np.concatenate(least).ravel() / UNIT
+    return UNIT * _least_distance(hessian, gradient, np.concatenate(matrix), bounds).reshape(count, channels)
 
 
 def _least_distance(hessian: Array, gradient: Array, matrix: Array, least: Array) -> Array:

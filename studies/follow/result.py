@@ -1,30 +1,38 @@
-"""The result of a study of a moving target, and how certain its motion is: with other pressures and models, and where
-small changes lead to another stable shape."""
+"""The result of a study of a moving target, its page, and how certain its motion is: with other pressures and models,
+and where small changes lead to another stable shape."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.files.motion_file import square_triangles
+from fabdesign.formats.json_file import plain
 from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.model import NORMAL90, Model
+from fabdesign.nouns.model import NORMAL90
 from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.pressure import PressureProgram, limits
-from fabdesign.study_files.follow_file import FollowStudy, MotionScatter
-from fabdesign.units import in_mm
+from fabdesign.study_files.follow_file import FollowStudy
+from fabdesign.units import in_kpa, in_mm
+from fabdesign.version import __version__
 from studies.follow.programs import Regulator
 from studies.follow.wanted import Wanted
 from studies.prediction.forward_model import forward_model
 from studies.prediction.stability import instants_elsewhere, rms_of_each, to_either_side
+from studies.report import charts, page
+from studies.study import write_result
+from studies.view import Item, render_page
 
 AT_LIMIT = 0.5  # of a resolution: so near a limit is at it
 OUT_OF_REACH = 2.0  # times the floor, from which on a reason is sought
 FLOORLESS = 0.5e-3  # m, the same of a target without noise
+_FRAMES = 90  # of the moving picture, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,20 +185,20 @@ def as_text(result: FollowResult) -> str:
     return "\n".join(lines)
 
 
-def copies_of(
-    simulator: ForwardModel, model: Model | None, case: Case, wanted: Wanted, scatter: MotionScatter, seed: int
-) -> MotionCopies | None:
+def copies_of(study: FollowStudy, simulator: ForwardModel, case: Case, wanted: Wanted) -> MotionCopies | None:
     """Return what copies of the case's motion come to, each with pressures off by the channel, and a model of the
     covariance where there is one. None where none is asked for, or the motion itself diverges."""
+    scatter, model = study.scatter, study.model
     if not scatter.copies:
         return None
     times, most = wanted.times, limits(case.design)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(study.seed)
     gains = 1 + scatter.pressure * rng.standard_normal((scatter.copies, len(most)))
     factors = [np.ones(len(most)), *to_either_side(case.design), *gains]
-    cases = [replace(case, program=_scaled(case.program, row, most)) for row in factors]
+    programs = [replace(case.program, pressure=np.clip(case.program.pressure * row, 0.0, most)) for row in factors]
+    cases = [replace(case, program=program) for program in programs]
     forward = forward_model(simulator, model)
-    drawn = [] if model is None else Ensemble(model).drawn(scatter.copies, seed)
+    drawn = [] if model is None else Ensemble(model).drawn(scatter.copies, study.seed)
     alike = cases[: len(cases) - len(drawn)]
     meant, up, down, *copies = forward.motions(alike, [times] * len(alike))
     for one, drawn_case in zip(drawn, cases[len(alike) :], strict=True):
@@ -205,5 +213,58 @@ def copies_of(
     return MotionCopies(len(sound), np.asarray(NORMAL90 * np.sqrt(np.square(off).mean(axis=0))), snap, expected)
 
 
-def _scaled(program: PressureProgram, gains: Array, most: Array) -> PressureProgram:
-    return replace(program, pressure=np.clip(program.pressure * gains, 0.0, most))
+def write_report(result: FollowResult, out: Path, study: str | None) -> None:
+    """Write `result.json` and `report.html` into `out`. study: its file, from the folder that these come to."""
+    write_result(out, {"study": study} | plain(result), result.study.name, _blocks(result))
+
+
+def _blocks(result: FollowResult) -> Iterator[page.Block]:
+    study, rms, floor = result.study, result.rms, result.floor
+    yield page.Title(study.name, 1)
+    yield page.Text(
+        f"{page.mm(float(rms.mean()))} mm from what is wanted (noise floor {page.mm(float(floor.mean()))} mm), the "
+        f"mean of {len(rms)} instants. Pressures of shapes at rest alone come to {page.mm(result.begun)} mm.",
+        "verdict",
+    )
+    yield from page.texts("note", map(page.sentence, result.sentences))
+    yield page.Title("Wanted and predicted")
+    yield page.MotionBlock(_motion(result))
+    yield page.Title("Error over time")
+    times = result.wanted.times
+    curves = [
+        charts.curve("error", times, in_mm(rms), charts.BLUE),
+        charts.curve("noise floor", times, in_mm(floor), charts.GREY),
+    ]
+    if result.copies is not None:
+        curves.append(charts.curve("90 % band of copies", times, in_mm(result.copies.band), charts.RED))
+    yield charts.chart("error", curves, x="time, s", y="mm", yaxis={"rangemode": "tozero"})
+    yield page.Title("Pressures")
+    instants = result.regulator.cycle * np.arange(len(result.pressures) + 1)
+    rows = in_kpa(np.concatenate([result.pressures, result.pressures[-1:]]))
+    steps = [charts.curve(f"channel {c}", instants, values, line_shape="hv") for c, values in enumerate(rows.T)]
+    yield charts.chart("pressures", steps, x="time, s", y="pressure, kPa", yaxis={"rangemode": "tozero"})
+    if result.copies is not None:
+        number, expected = result.copies.number, page.mm(result.copies.expected)
+        drawn = " and a model drawn from the covariance each" if study.model and study.model.covariance else ""
+        yield page.Text(
+            f"The band is that of {number} copies, {expected} mm off in the mean, with pressures "
+            f"{100 * study.scatter.pressure:g} % off{drawn}.",
+            "quiet",
+        )
+    yield page.Text(
+        f"{study.points_per_side} grid points a side, seed {study.seed}, {result.seconds:.0f} s. "
+        f"fabdesign {__version__}.",
+        "quiet",
+    )
+
+
+def _motion(result: FollowResult) -> str:
+    times = result.wanted.times
+    frames = np.unique(np.linspace(0, len(times) - 1, min(_FRAMES, len(times))).round().astype(int))
+    wanted = [result.wanted.targets[int(k)].points for k in frames]
+    motion = result.motion[frames].astype(np.float32)
+    items = [
+        Item("wanted", times[frames], wanted),
+        Item("predicted", times[frames], motion, square_triangles(motion.shape[1])),
+    ]
+    return render_page(result.study.name, items)

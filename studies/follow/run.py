@@ -3,7 +3,10 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
@@ -14,26 +17,24 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import require_pressures
-from fabdesign.output import WorkFolder, work_folder
+from fabdesign.output import WorkFolder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.effort import in_words, on_cores
-from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.units import in_mm
-from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress
-from optimize.search.evaluations import Evaluations
 from sim import Simulator
 from studies.follow.measured import MeasuredRun, displacements, read_run
-from studies.follow.programs import Regulator, case_of, regulator_of
-from studies.follow.report import write_report
-from studies.follow.result import FollowResult, copies_of
-from studies.follow.start import between_poses, chosen_layout, quasi_static
+from studies.follow.programs import case_of, regulator_of
+from studies.follow.result import FollowResult, copies_of, write_report
+from studies.follow.start import between_poses, quasi_static, with_layout
 from studies.follow.wanted import GUIDED, Wanted, files_of, wanted_of
-from studies.follow.windows import Effort, FollowTask, solve
+from studies.follow.windows import FollowTask, solve
 from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
+from studies.study import Running, StudyRun, kept_content
 
 ALGORITHM = 3  # of what a study's folder keeps: raised where it is no longer what this code would compute
 PRESSURES = "pressures.csv"
@@ -52,9 +53,8 @@ def run_follow(
     out: Path | str,
     *,
     measured: Path | str | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     progress: Callable[[str, float | None], None] = lambda line, share: None,
+    **how: Unpack[Running],
 ) -> FollowResult:
     """Find the study's pressures over time and write `result.json`, `pressures.csv` and `report.html` into `out`.
 
@@ -62,46 +62,31 @@ def run_follow(
     was measured; the one before becomes `pressures_K.csv`. The same study goes on in its folder, window by window.
     Raises InputError, and SimulationError where no motion can be computed.
     """
-    inputs = [] if isinstance(study, FollowStudy) else [study]
-    study = study if isinstance(study, FollowStudy) else FollowStudy.read(study)
-    study = study if seconds is None else replace(study, seconds=seconds)
-    wanted, regulator = wanted_of(study), regulator_of(study)
-    file = os.path.relpath(inputs[0], out).replace(os.sep, "/") if inputs else None
+    asked = StudyRun.of(study, FollowStudy.read, how)
+    study = asked.study
+    wanted = wanted_of(study)
+    file = os.path.relpath(asked.inputs[0], out).replace(os.sep, "/") if asked.inputs else None
     if measured is not None and not (Path(out) / PRESSURES).is_file():
         raise InputError(f"{out}: no {PRESSURES}; expected the folder of a study whose program was run")
-    inputs += [*files_of(study), *([measured] if measured is not None else [])]
-    with work_folder(out, made_by="follow", force=force, inputs=inputs) as work:
-        checkpoint = Checkpoint(work, _content(study))
+    with asked.folder(out, "follow", [*files_of(study), *([] if measured is None else [measured])]) as work:
+        hashes = {f"target.{path.name}": sha256(path) for path in files_of(study) if path.is_file()}
+        content = kept_content(study, ("name", "seconds", "scatter", "target"), hashes, ALGORITHM)
+        checkpoint = Checkpoint(work, content | {"target": repr(study.target)})
         progress(follow_in_words(study, wanted), None)
         if study.layout is not None:
-            study = _with_layout(study, wanted, regulator, work, progress)
-            regulator = regulator_of(study)
+            study = with_layout(study, wanted, work, progress)
         last = None if measured is None else _last_program(work, study)
         run = None if measured is None else read_run(Path(measured), study.design)
-        solver = _Solver(study, wanted, regulator, checkpoint, progress)
+        solver = _Solver(study, wanted, checkpoint, progress)
         result = solver.solution() if run is None or last is None else solver.corrected(run, *last)
         with work.adding() as files:
             if study.layout is not None:
                 write_design(study.design, files / "design.toml")
             if last is not None:
-                write_pressures(regulator.program(last[1]), files / f"pressures_{result.run}.csv")
+                write_pressures(result.regulator.program(last[1]), files / f"pressures_{result.run}.csv")
             write_pressures(result.program, files / PRESSURES)
             write_report(result, files, file)
     return result
-
-
-def _with_layout(
-    study: FollowStudy, wanted: Wanted, regulator: Regulator, work: WorkFolder, progress: Progress
-) -> FollowStudy:
-    """Return the study with the design that a search finds, as the rig can drive it."""
-
-    def show(at: Evaluations) -> None:
-        progress(f"a layout for shapes at rest: {at.best_in_words}", 0.0)
-
-    design = chosen_layout(study, wanted, regulator, work, show)
-    if study.rig.channels is not None and design.channels > study.rig.channels:
-        raise InputError(f"{study.name}: the layout has {design.channels} channels; the rig has {study.rig.channels}")
-    return replace(study, design=design)
 
 
 def follow_in_words(study: FollowStudy, wanted: Wanted) -> str:
@@ -114,16 +99,14 @@ def follow_in_words(study: FollowStudy, wanted: Wanted) -> str:
 class _Solver:
     """A study at work: passes over its windows, and what comes of them."""
 
-    def __init__(
-        self, study: FollowStudy, wanted: Wanted, regulator: Regulator, checkpoint: Checkpoint, progress: Progress
-    ) -> None:
-        self._study, self._wanted, self._regulator = study, wanted, regulator
+    def __init__(self, study: FollowStudy, wanted: Wanted, checkpoint: Checkpoint, progress: Progress) -> None:
+        self._study, self._wanted, self._regulator = study, wanted, regulator_of(study)
         self._checkpoint, self._progress = checkpoint, progress
         self._begun, self._complete = working_time.seconds(), True
         self._model, self._path = study.model or Model(), wanted
         self._asked = np.ones(len(wanted.times), dtype=bool)  # which instants of the path are wanted
-        self._cycles = regulator.cycles(float(wanted.times[-1]))
-        self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
+        self._cycles = self._regulator.cycles(float(wanted.times[-1]))
+        self._case = case_of(study, self._regulator.program(np.zeros((self._cycles, self._regulator.channels))))
 
     def solution(self) -> FollowResult:
         """Return the study's own answer."""
@@ -172,7 +155,8 @@ class _Solver:
                 break
             quick = Simulator(grid, time_step=QUICK, calm_steps=calm)
             program = program if best is None else best.program
-            trial = self._driven(self._pass(f"{name}_{number}", program, best, Effort(quick, steps, length)), beside)
+            solved = self._pass(f"{name}_{number}", program, best, quick, steps, length)
+            trial = self._driven(solved, beside)
             gained = 1.0 if best is None else 1 - trial.cost / best.cost
             best = trial if best is None or gained > 0 else best
             if gained < GAINED:
@@ -182,15 +166,17 @@ class _Solver:
         assert best is not None
         return best
 
-    def _pass(self, name: str, program: Array, at: "_Driven | None", effort: Effort) -> Array:
+    def _pass(
+        self, name: str, program: Array, at: "_Driven | None", simulator: Simulator, steps: int, length: float
+    ) -> Array:
         """Return the program after all windows, as far as the time goes. at: how it moves the cloth, where that is
         known; what the quick motion lacks of it is added to all that follow."""
-        predictor = forward_model(effort.simulator, self._model.without(["corrector"]))
-        lacks, line = None, f"windows at {effort.simulator.points_per_side} points a side"
+        predictor = forward_model(simulator, self._model.without(["corrector"]))
+        lacks, line = None, f"windows at {simulator.points_per_side} points a side"
         if at is not None:
             [quick] = predictor.motions([self._case_of(program)], [self._path.times])
             lacks, line = np.nan_to_num(at.motion - quick), f"{in_mm(at.error):.3f} mm; {line}"
-        task = FollowTask(predictor.case(self._case), self._path, self._regulator, lacks)
+        task = FollowTask(predictor.case(self._case), self._path, self._regulator, simulator, lacks)
         until = np.inf if self._study.seconds is None else self._study.seconds
 
         def keep(window: str, compute: Callable[[], Array]) -> Array | None:
@@ -198,11 +184,10 @@ class _Solver:
             if not self._checkpoint.has(piece) and working_time.seconds() - self._begun >= until:
                 self._complete = False
                 return None
-            rows: Arrays = self._checkpoint.arrays(piece, lambda: {"pressures": compute()})
-            return rows["pressures"]
+            return self._checkpoint.arrays(piece, lambda: {"pressures": compute()})["pressures"]
 
-        solved = solve(task, program, effort, keep=keep, progress=lambda share: self._progress(line, share))
-        return self._regulator.kept(solved)
+        show = partial(self._progress, line)
+        return self._regulator.kept(solve(task, program, steps=steps, length=length, keep=keep, progress=show))
 
     def _case_of(self, program: Array) -> Case:
         return replace(self._case, program=self._regulator.program(program))
@@ -224,7 +209,7 @@ class _Solver:
         self._progress("copies with other pressures and models", 1.0)
         study, wanted = self._study, self._wanted
         driven, motion = self._case_of(best.program), best.motion[self._asked]
-        copies = copies_of(Simulator(COARSE), study.model, driven, wanted, study.scatter, study.seed)
+        copies = copies_of(study, Simulator(COARSE), driven, wanted)
         errors = pose_errors(wanted.targets, motion, seed=study.seed, draws=DRAWS)
         seconds = working_time.seconds() - self._begun
         return FollowResult(
@@ -249,15 +234,6 @@ def _last_program(work: WorkFolder, study: FollowStudy) -> tuple[int, Array]:
     file = work.folder / PRESSURES
     program = read_csv(file)
     require_pressures(program, study.design, str(file))
-    number = 1
-    while (work.folder / f"pressures_{number}.csv").is_file():
-        number += 1
+    number = next(k for k in count(1) if not (work.folder / f"pressures_{k}.csv").is_file())
     regulator = regulator_of(study)
     return number, regulator.rows(program, regulator.cycles(program.duration))
-
-
-def _content(study: FollowStudy) -> dict[str, str]:
-    """Return what the pieces depend on, by field."""
-    files = {f"target.{path.name}": sha256(path) for path in files_of(study) if path.is_file()}
-    content = content_of(study, ("name", "seconds", "scatter", "target"), files)
-    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM), "target": repr(study.target)} | content

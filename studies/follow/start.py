@@ -1,16 +1,16 @@
 """Where the solver begins: an open layout, and shapes at rest that come near what is wanted (quasi-static)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isqrt
 from pathlib import Path
 
 import numpy as np
 
+from fabdesign.errors import InputError
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import pressure
-from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
@@ -19,9 +19,10 @@ from fabdesign.runtime.store import write_arrays
 from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.study_file import Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
+from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
 from sim import Simulator
-from studies.follow.programs import UNIT, Regulator
+from studies.follow.programs import UNIT, Regulator, regulator_of
 from studies.follow.wanted import Wanted
 from studies.follow.wanted import moved as moved_distances
 from studies.layout_search.first_layouts import COARSE
@@ -97,26 +98,31 @@ def _apart(times: Array) -> Sequence[int]:
 FOLDER = "layout"  # of the search, what `optimize` writes
 
 
-def chosen_layout(
-    study: FollowStudy, wanted: Wanted, regulator: Regulator, work: WorkFolder, progress: Callable[[Evaluations], None]
-) -> Design:
-    """Return the design that a search finds for shapes at some instants, the last among them, as poses that share one
-    layout. It goes on in its own folder."""
+def with_layout(study: FollowStudy, wanted: Wanted, work: WorkFolder, progress: Progress) -> FollowStudy:
+    """Return the study with the design that a search finds for shapes at some instants, the last among them, as poses
+    that share one layout. It goes on in its own folder. Raises InputError where the rig cannot drive it."""
     choice = study.layout
     assert choice is not None
     count = len(wanted.times)
     moments = np.unique(np.linspace(count - 1, -1, min(choice.instants, count) + 1)[:-1].round().astype(int))
     targets = tuple(_target(study, wanted, int(moment), work) for moment in moments)
-    limits = StudyLimits((0.0, float(regulator.highest.min())), choice.spacing, choice.edge, choice.seconds)
+    limits = StudyLimits((0.0, float(regulator_of(study).highest.min())), choice.spacing, choice.edge, choice.seconds)
     search = Study(
         f"{study.name}: layout", study.design, targets, study.model, study.seed, positions=True,
         muscles=choice.muscles, limits=limits, order=study.order,
     )  # fmt: skip
     simulator = Simulator(study.points_per_side)
-    result = run_study(search, work.folder / FOLDER, forward=simulator, coarse=Simulator(COARSE), progress=progress)
+
+    def show(at: Evaluations) -> None:
+        progress(f"a layout for shapes at rest: {at.best_in_words}", 0.0)
+
+    result = run_study(search, work.folder / FOLDER, forward=simulator, coarse=Simulator(COARSE), progress=show)
     if result.interrupted:
         raise KeyboardInterrupt
-    return result.design
+    channels = result.design.channels
+    if study.rig.channels is not None and channels > study.rig.channels:
+        raise InputError(f"{study.name}: the layout has {channels} channels; the rig has {study.rig.channels}")
+    return replace(study, design=result.design)
 
 
 def _target(study: FollowStudy, wanted: Wanted, moment: int, work: WorkFolder) -> TargetFile:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,14 +15,14 @@ from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz
 from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
-from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
 from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.geometry.surface import Surface
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.array import Array, Floats, Indices
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.effort import LONGEST
-from fabdesign.study_files.follow_file import FollowStudy, Moment, MovingTarget
+from fabdesign.study_files.follow_file import FollowStudy, MovingTarget
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.fit.clouds import Match, Nodes, nodes_of
 from optimize.fit.misfit import deviation_by_median
@@ -33,6 +34,14 @@ WISHED = 1e-3  # m, the same of wishes, which nobody means so exactly
 EACH = 100.0  # independent points that an instant counts as, whatever its cloud has
 GUIDES, GUIDED = 5, 0.1  # places a side of a shape between poses; its weight, where a pose has 1
 HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance that counts less beyond
+
+
+Items = TypeVar("Items", Array, list[Array])
+
+
+def thinned(items: Items, count: int) -> Items:
+    """Return at most so many, at even steps."""
+    return items[:: -(-len(items) // count)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +105,8 @@ class Wanted:
 
     def thinned(self, count: int) -> "Wanted":
         """Return the same with about so many points of each cloud."""
-        step = [-(-len(target.points) // count) if target.landmarks is None else 1 for target in self.targets]
-        thin = (replace(target, points=target.points[::k]) for target, k in zip(self.targets, step, strict=True))
-        return Wanted(self.times, tuple(thin), self.poses)
+        clouds = [one if one.landmarks else replace(one, points=thinned(one.points, count)) for one in self.targets]
+        return replace(self, targets=tuple(clouds))
 
     def errors(self, times: Array, motion: Floats) -> Array:
         """Return (T,) m of a motion's frames (T, 2 n, 3) m: surface RMS at wanted instants, NaN at other times."""
@@ -125,7 +133,7 @@ class Wanted:
 
     @cached_property
     def _thinned(self) -> list[Array]:
-        return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
+        return [thinned(target.points, POINTS) for target in self.targets]
 
     def until(self, begin: float, end: float) -> Indices:
         """Return the numbers of the instants after `begin` and up to `end` s."""
@@ -174,19 +182,16 @@ def wanted_of(study: FollowStudy) -> Wanted:
     """Return the study's targets and their times; those at 0 s, where the cloth still hangs, are left out. Raises
     InputError for what cannot be read, and for fewer than LEAST instants of a motion."""
     if isinstance(study.target, tuple):
-        return _of_moments(study.target, study)
+        targets = tuple(load_target(moment.target, study.design, seed=study.seed) for moment in study.target)
+        for moment in study.target:
+            if moment.target.free:
+                where = f"{moment.target.file}: free at {moment.time:g} s"
+                raise InputError(f"{where}; expected a place that is given, or fit")
+        return Wanted(np.array([moment.time for moment in study.target]), targets, poses=True)
     wanted = _of_motion(study.target, study.design, study.seed)
     if len(wanted.times) < LEAST:
         raise InputError(f"{study.target.file}: {len(wanted.times)} instants after 0 s; expected {LEAST} or more")
     return wanted
-
-
-def _of_moments(moments: tuple[Moment, ...], study: FollowStudy) -> Wanted:
-    targets = [load_target(moment.target, study.design, seed=study.seed) for moment in moments]
-    for moment in moments:
-        if moment.target.free:
-            raise InputError(f"{moment.target.file}: free at {moment.time:g} s; expected a place that is given, or fit")
-    return Wanted(np.array([moment.time for moment in moments]), tuple(targets), poses=True)
 
 
 def _of_motion(target: MovingTarget, design: Design, seed: int) -> Wanted:
@@ -196,18 +201,22 @@ def _of_motion(target: MovingTarget, design: Design, seed: int) -> Wanted:
         is_trial = "offsets" in arrays
     if is_trial:
         trial = read_trial(target.file, size=max(design.fabric.width, design.fabric.height))
-        require_on_cloth(trial.frames, trial.time, design.fabric, str(target.file))
-        some = trial.frames[:: -(-len(trial.frames) // NOISE_FRAMES)]
-        noise = estimate_noise([_thinned(frame) for frame in some], design.fabric.thickness)
-        return _wanted(trial.time, trial.frames, target, noise)
-    motion = read_motion(target.file)
-    if motion.triangles is None:
-        raise InputError(f"{target.file}: a motion without triangles; expected one of a cloth's two faces")
-    rng = np.random.default_rng(seed)
-    surfaces = [Surface(points.astype(np.float64), motion.triangles) for points in motion.points]
-    frames = [surface.sample(KEPT, rng)[0] for surface in surfaces]
-    require_on_cloth(frames, motion.time, design.fabric, str(target.file))
-    return _wanted(motion.time, frames, target, NOISE_FREE)
+        times, frames = trial.time, trial.frames
+    else:
+        motion = read_motion(target.file)
+        if motion.triangles is None:
+            raise InputError(f"{target.file}: a motion without triangles; expected one of a cloth's two faces")
+        rng = np.random.default_rng(seed)
+        surfaces = [Surface(points.astype(np.float64), motion.triangles) for points in motion.points]
+        times, frames = motion.time, tuple(surface.sample(KEPT, rng)[0] for surface in surfaces)
+    require_on_cloth(frames, times, design.fabric, str(target.file))
+    clouds = [thinned(frame, KEPT) for frame in frames]
+    noise = estimate_noise(thinned(clouds, NOISE_FRAMES), design.fabric.thickness) if is_trial else NOISE_FREE
+    targets = [
+        LoadedTarget(cloud, description=target.file.name, noise=noise, face=target.face, weighting=target.weighting)
+        for cloud in clouds
+    ]
+    return _until(times, targets, target)
 
 
 def _of_folder(target: MovingTarget, design: Design, seed: int) -> Wanted:
@@ -222,24 +231,10 @@ def _of_folder(target: MovingTarget, design: Design, seed: int) -> Wanted:
     return _until(times, targets, target)
 
 
-def _wanted(times: Array, frames: list[Array] | tuple[Array, ...], target: MovingTarget, noise: SensorNoise) -> Wanted:
-    targets = [
-        LoadedTarget(
-            _thinned(frame), description=target.file.name, noise=noise, face=target.face, weighting=target.weighting
-        )
-        for frame in frames
-    ]
-    return _until(times, targets, target)
-
-
 def _until(times: Array, targets: list[LoadedTarget], target: MovingTarget) -> Wanted:
     end = LONGEST if target.until is None else target.until
     kept = np.flatnonzero((times > 1e-9) & (times <= end + 1e-9))
     return Wanted(np.asarray(times[kept], np.float64), tuple(targets[int(k)] for k in kept))
-
-
-def _thinned(points: Array) -> Array:
-    return points[:: -(-len(points) // KEPT)]
 
 
 def files_of(study: FollowStudy) -> list[Path]:

@@ -42,6 +42,7 @@ class FollowTask:
     case: Case
     wanted: Wanted
     regulator: Regulator
+    simulator: Simulator
     lacks: Array | None = None
 
     def cases(self, programs: Sequence[Array]) -> list[Case]:
@@ -49,21 +50,11 @@ class FollowTask:
         return [replace(self.case, program=self.regulator.program(rows)) for rows in programs]
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How much a pass over all windows may do."""
-
-    simulator: Simulator
-    steps: int  # of Gauss-Newton, of a window, at most
-    length: float = 0.4  # s of a window
-
-
 @dataclass(frozen=True, eq=False)
 class _Window:
     """Cycles `begin` to `end` of a task, from a state on."""
 
     task: FollowTask
-    simulator: Simulator
     begin: int
     end: int
     state: State
@@ -78,20 +69,20 @@ class _Window:
         return self.task.wanted.times[self.moments]
 
     def ticks(self, cycle: int) -> int:
-        return round(cycle * self.task.regulator.cycle / self.simulator.time_step)
+        return round(cycle * self.task.regulator.cycle / self.task.simulator.time_step)
 
     def distances(self, motion: SimulatedMotion) -> list[Distances | None]:
         """Return the distances at each instant of the window."""
         shapes = faces(motion.middle, motion.thickness).astype(float)
         if self.task.lacks is not None:
             shapes = shapes + self.task.lacks[self.moments]
-        side = self.simulator.points_per_side
+        side = self.task.simulator.points_per_side
         return [self.task.wanted.distances(k, shape, side) for k, shape in zip(self.moments, shapes, strict=True)]
 
     def with_states(self, programs: Sequence[Array]) -> list[KeptMotion]:
         first, *ticks = [self.ticks(k) for k in range(self.begin, self.end + 1)]
         cases, jumping = self.task.cases(programs), [first, *ticks[:-1]]
-        return with_states(self.simulator, cases, self.state, self.times, ticks, jumping=jumping)
+        return with_states(self.task.simulator, cases, self.state, self.times, ticks, jumping=jumping)
 
 
 Keep = Callable[[str, Callable[[], Array]], Array | None]  # of a window: its name, and what computes its set points
@@ -100,21 +91,22 @@ Keep = Callable[[str, Callable[[], Array]], Array | None]  # of a window: its na
 def solve(
     task: FollowTask,
     program: Array,
-    effort: Effort,
     *,
+    steps: int,
+    length: float = 0.4,
     keep: Keep = lambda name, compute: compute(),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Array:
     """Return set points (cycles, channels) Pa that bring the motion nearer to what is wanted, beginning with `program`.
-    keep: gives the set points of a window, which it may have kept from before; None ends the work. progress: hears the
-    share of the windows that are done."""
+    steps: of Gauss-Newton, of a window, at most; length: s of a window. keep: gives the set points of a window, which
+    it may have kept from before; None ends the work. progress: hears the share of the windows that are done."""
     program, cycles = program.copy(), len(program)
-    length, ahead = (max(1, round(seconds / task.regulator.cycle)) for seconds in (effort.length, AHEAD))
+    longest, ahead = (max(1, round(seconds / task.regulator.cycle)) for seconds in (length, AHEAD))
     [case] = task.cases([program])
-    state, begin = at_rest(effort.simulator, case), 0
+    state, begin = at_rest(task.simulator, case), 0
     while begin < cycles:
-        window = _Window(task, effort.simulator, begin, _end(task, begin, length, ahead, cycles), state)
-        rows = keep(f"{begin}", partial(_solved, window, program, effort.steps))
+        window = _Window(task, begin, _end(task, begin, longest, ahead, cycles), state)
+        rows = keep(f"{begin}", partial(_solved, window, program, steps))
         if rows is None:
             break
         program[begin : window.end] = rows
@@ -143,7 +135,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
     if not len(window.moments):
         return program[begin:end]
     [at] = _Place.all_of(window, [program])
-    columns, farthest = None, FARTHEST
+    columns, farthest, others = None, FARTHEST, ((begin, len(program) - end), (0, 0))  # set points that stay
     for _ in range(steps):
         if at.is_solved:
             break
@@ -151,7 +143,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
         if columns is None:
             columns = _columns(window, at)
         changes = [share * at.step(columns, farthest, damping) for damping, share in TRIED]
-        trials = _Place.all_of(window, [_changed(at.program, begin, change) for change in changes])
+        trials = _Place.all_of(window, [at.program + np.pad(change, others) for change in changes])
         trial = min(trials, key=lambda place: place.cost)
         gained = (at.cost - trial.cost) / at.cost
         if gained > 0:
@@ -211,12 +203,6 @@ class _Place:
         return best_change(hessian, gradient, self.window.task.regulator, rows, farthest)
 
 
-def _changed(program: Array, begin: int, change: Array) -> Array:
-    changed = program.copy()
-    changed[begin : begin + len(change)] += change
-    return changed
-
-
 def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
     """Return how the mid-surface moves with each set point: (cycles channels, n, n, 3) m per Pa of each instant."""
     program, motion, states = at.program, at.kept.motion, [window.state, *at.kept.states]
@@ -231,7 +217,7 @@ def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
             begins.append(state)
             times.append(later)
             moves.append(by)
-    motions = go_on(window.simulator, window.task.cases(cases), begins, times, jumps=at.kept.jumps)
+    motions = go_on(window.task.simulator, window.task.cases(cases), begins, times, jumps=at.kept.jumps)
     count = (window.end - window.begin) * regulator.channels
     changes = np.zeros((len(window.times), count, *motion.middle.shape[1:]), np.float32)
     for k, moved_one in enumerate(motions):

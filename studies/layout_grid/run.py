@@ -12,7 +12,7 @@ from fabdesign.runtime import working_time
 from fabdesign.runtime.store import read_kept
 from fabdesign.study_files.layouts_file import Cell, LayoutsStudy
 from optimize.search.evaluations import Evaluations
-from optimize.search.search_state import as_rows, of_rows
+from optimize.search.search_state import as_row, of_row
 from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
@@ -106,7 +106,7 @@ class GridSearch:
                 ahead[0].cell,
                 turns,
                 first_starts(ahead[0].cell.study) if turns.drawn else [],
-                verification=Verification.MOTION,
+                verification="motion",
             )
             self._results[self._results.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             self._longest = max(self._longest, working_time.seconds() - begin)
@@ -147,7 +147,7 @@ class GridSearch:
         if turns is None:
             share = FIRST * self._study.search.limits.seconds / len(self._cells)
             turns = CellTurns(
-                seeds=as_rows(seeds_of(cell, self._results)),
+                seeds=[as_row(seed) for seed in seeds_of(cell, self._results)],
                 seconds=max(share / 4, share - (self._end or END * share)),
                 beneath=best_beneath(cell, self._result()),
             )
@@ -171,7 +171,7 @@ class GridSearch:
         anew = chosen.objective - beneath > 0 and beneath < turns.beneath
         if anew:
             seeds = seeds_of(cell, self._results)
-            turns.seeds, turns.drawn, turns.seconds, turns.beneath = as_rows(seeds), False, 0.0, beneath
+            turns.seeds, turns.drawn, turns.seconds, turns.beneath = [*map(as_row, seeds)], False, 0.0, beneath
         turns.seconds += seconds
         result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], force=anew)
         searched = CellResult(cell, result, "")
@@ -186,30 +186,31 @@ class GridSearch:
         turns: CellTurns,
         drawn: list[Start],
         *,
-        verification: Verification = Verification.AT_REST,
+        verification: Verification = "at rest",
         force: bool = False,
     ) -> StudyResult:
-        last = working_time.seconds()
+        last, study = working_time.seconds(), cell.study
+        seeds = [of_row(row, study.design, study.limits) for row in turns.seeds]
 
         def heard(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
-            if verification is Verification.MOTION:  # no search
+            if verification == "motion":  # no search
                 return
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
         result = run_study(
-            cell.study,
+            study,
             self._work.folder / CELLS / file_stem(cell.name),
             forward=self._how.get("forward"),
             coarse=self._how.get("coarse"),
             seconds=turns.seconds,
-            starts=[*of_rows(turns.seeds, cell.study.design, cell.study.limits), *(drawn if turns.drawn else [])],
+            starts=seeds + (drawn if turns.drawn else []),
             force=force,
             verification=verification,
             progress=heard,
         )
-        if verification is Verification.AT_REST:
+        if verification == "at rest":
             self._end = max(self._end, working_time.seconds() - last)
         return result
 

@@ -3,6 +3,7 @@ fine one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
 from optimize.search.best import Stage
-from optimize.search.design_space import DesignSpace, Vector, by_muscle, start_of
+from optimize.search.design_space import DesignSpace, Vector, by_muscle, starts_of
 from optimize.search.objective import Objective
 from optimize.search.search_state import FurtherStarts
 from optimize.search.slopes import jacobians_for
@@ -80,92 +81,57 @@ def first_starts(study: Study) -> list[Start]:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
         return [*earlier_starts(study), *drawn]
     choice, design = study.muscles, study.design
-    drawn = catalogue_starts(design, limits, poses, counts=choice.counts, sides=choice.sides)
-    drawn += layout_starts(
-        design, limits, poses, counts=choice.counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
-    )
+    drawn = catalogue_starts(design, limits, poses, choice)
+    drawn += layout_starts(design, limits, poses, choice, number=LAYOUT_STARTS, seed=study.seed)
     sides = {muscle.side for muscle in design.muscles}
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
-        drawn = [*_on_fewer_channels((space, stated)), *drawn]
+        fits = design.channels <= (limits.channels or MUSCLES)  # else with shared channels, where that keeps the limits
+        drawn = [*([(space, stated)] if fits else starts_of([by_muscle((space, stated))], space)), *drawn]
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
-        given = space.start_pressures
-        drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
+        drawn += thinned_starts(space, choice.most, number=THINNED_STARTS, seed=study.seed)
     drawn = [*earlier_starts(study), *drawn]
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
     return drawn
 
 
-def _on_fewer_channels(start: Start) -> list[Start]:
-    """Return the layout alone, with shared channels where it has more than its limits; none where that breaks another
-    limit."""
-    if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
-        return [start]
-    shared = start_of(by_muscle(start), start[0])
-    return [] if shared is None else [shared]
-
-
 def further_starts(study: Study) -> FurtherStarts | None:
-    """Return starts of further restarts; none where nothing can be drawn anew."""
-    limits, poses, choice = study.limits, len(study.targets), study.muscles
-    if choice is not None:
+    """Return what gives the starts of further restarts; None where nothing can be drawn anew."""
+    return partial(_drawn_anew, study) if study.muscles is not None or study.pressures else None
 
-        def added(best: Start, seed: int) -> list[Start]:
-            """Return layouts with one muscle more at a share of the pressure: what it promises shows when these are
-            screened. Of several poses each takes it pulling or idle."""
-            count = len(best[0].design.muscles)
-            if count + 1 not in choice.counts:
-                return []
-            more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
-            return [*(more if poses > 1 else []), *pulling(more, count, PULL)]
 
-        def layouts(restart: int, best: Start) -> tuple[list[Start], bool]:
-            seed, counts, sides = study.seed + 1000 * restart, choice.counts, choice.sides
-            if restart % 2:
-                corners = choice.corners if study.positions else 0
-                return [
-                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners),
-                    *with_corners(best, corners),
-                    *added(best, seed),
-                ], False
-            drawn = layout_starts(
-                study.design, limits, poses, counts=counts, sides=sides, number=LAYOUT_STARTS, seed=seed
-            )
-            return drawn, True
-
-        return layouts
-    if not study.pressures:
-        return None
-    space, _ = stated_start(study)
-
-    def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
-        return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True
-
-    return pressures
+def _drawn_anew(study: Study, restart: int, best: Start) -> tuple[list[Start], bool]:
+    """Return the starts of a restart, and whether they owe nothing to the best: by turns those near it, and others."""
+    seed, choice, poses = study.seed + 1000 * restart, study.muscles, len(study.targets)
+    if choice is None:
+        return pressure_starts(stated_start(study)[0], PRESSURE_STARTS, seed)[1:], True
+    if restart % 2 == 0:
+        return layout_starts(study.design, study.limits, poses, choice, number=LAYOUT_STARTS, seed=seed), True
+    choice = choice if study.positions else replace(choice, corners=0)
+    drawn = [*variations(best, choice, number=VARIATIONS, seed=seed), *with_corners(best, choice.corners)]
+    count = len(best[0].design.muscles)
+    if count + 1 in choice.counts:
+        # one muscle more at a share of the pressure: what it promises shows when these are screened; of several poses
+        # each takes it pulling or idle
+        more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
+        drawn += [*(more if poses > 1 else []), *pulling(more, count, PULL)]
+    return drawn, False
 
 
 COARSE = 21  # points a side, of the simulator on which a search begins
 
 
-def forward_models(
-    how: Simulated, study: Study | None = None, targets: Sequence[LoadedTarget] = ()
-) -> tuple[ForwardModel, ForwardModel]:
+def forward_models(how: Simulated, study: Study, targets: Sequence[LoadedTarget]) -> tuple[ForwardModel, ForwardModel]:
     """Return the fine and the coarse model given, or the simulator, for a study with its targets; a single one given
     serves for both."""
     fine, coarse = how.get("forward"), how.get("coarse")
     if fine is not None:
         return fine, coarse or fine
-    model = None if study is None else study.model
-    hold = {} if study is None else {"hold": _coarse_hold(study, targets)}
-    fine = simulator((model or Model()).points_per_side, study)
-    return fine, coarse or simulator(COARSE, study, tolerance=1e-6, **hold)
-
-
-def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
-    """Return the seconds for which pressures hold where shapes at rest stand for frames of the targets
-    (optimize.search.objective)."""
+    # the coarse one's shapes at rest stand for frames of the targets (optimize.search.objective)
     times = [target.time for target in targets if target.time is not None]
-    return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
+    hold = study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
+    fine = simulator((study.model or Model()).points_per_side, study)
+    return fine, coarse or simulator(COARSE, study, tolerance=1e-6, hold=hold)
 
 
 def stages_of(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:

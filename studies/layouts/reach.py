@@ -24,7 +24,7 @@ from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations
 from optimize.search.multistart import evaluations_to_converge, has_converged
 from optimize.search.objective import MEASURES, Objective
-from optimize.search.slopes import Change, Nearer, jacobians_for, what_helps
+from optimize.search.slopes import jacobians_for, what_helps
 from optimize.search.starts import Start
 from studies.layout_search.target import LoadedTarget, is_wished
 
@@ -52,27 +52,6 @@ class Missed:
     json_keys: ClassVar = ("u", lambda of: of.place[0]), ("v", lambda of: of.place[1]), ("off_mm", "off")
 
 
-@dataclass(frozen=True)
-class Helps:
-    """before: m of the objective, to first order, with the variables adjusted and nothing changed; nearer: what would
-    gain, most first."""
-
-    before: float
-    nearer: tuple[Nearer, ...]
-
-    @property
-    def sentences(self) -> list[str]:
-        if not self.nearer:
-            return [f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."]
-        gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SHOWN]]
-        return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
-
-    @property
-    def gains(self) -> list[dict[str, Any]]:
-        """Return a row a change."""
-        return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
-
-
 def missed_at(shape: Array, target: LoadedTarget, size: tuple[float, float]) -> Missed:
     """Return where one pose misses: shape (2 n, 3) m beside its target, both ways, of wishes the one that lies farthest
     off; size: (width, height) m of the cloth."""
@@ -94,19 +73,19 @@ def missed_at(shape: Array, target: LoadedTarget, size: tuple[float, float]) -> 
     return Missed((float(place[0]), float(place[1])), float(smooth[row, column]))
 
 
-def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardModel) -> Helps | None:
-    """Return what helps a result; None where the forward model has no derivatives, or the targets are frames too early
-    for them."""
+def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardModel) -> dict[str, float] | None:
+    """Return what helps a result, and what it gains [m of the objective, to first order], most first; None where the
+    forward model has no derivatives, or the targets are frames too early for them."""
     jacobians = jacobians_for(forward, objective)
     if jacobians is None:
         return None
-    changes = [
-        Change(f"{BY:.0%} {'more' if sign > 0 else 'less'} {what}", factor(name), sign * BY)
+    changes = {
+        f"{BY:.0%} {'more' if sign > 0 else 'less'} {what}": (factor(name), sign * BY)
         for name, what in CHANGED_FACTORS.items()
         for sign in (1, -1)
-    ]
+    }
     before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), spaces_by_type(point[0]))
-    return Helps(before, tuple(change for change in nearer if before - change.value > WORTH * before))
+    return {what: before - value for what, value in nearer.items() if before - value > WORTH * before}
 
 
 def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
@@ -134,16 +113,6 @@ def spaces_by_type(space: DesignSpace) -> dict[str, DesignSpace]:
             changed = tuple(replace(muscle, type=name) for muscle in muscles)
             spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=changed))
     return spaces
-
-
-def missed_in_words(missed: Sequence[Missed]) -> list[str]:
-    """Return where the shape misses, in words."""
-    lines = []
-    for pose, miss in enumerate(missed, start=1):
-        of = f" in pose {pose}" if len(missed) > 1 else ""
-        u, v = (in_mm(x) for x in miss.place)
-        lines.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(miss.off):.1f} mm.")
-    return lines
 
 
 LEAST_GAP = 1e-3  # m over the floor from which noise does not explain it,
@@ -188,7 +157,8 @@ class Reach:
     """gap: m, of the searched measure over its floor. out_of_reach: so much that noise does not explain it; None, not
     known, of a search that has not converged. held_by: what the result has come up against, a clause each. crossing:
     (u, v) m where the cloth passes through itself, a pose each, None where it does not. lacking: of a search that has
-    not converged. missed: a pose each, and helps, where it is out of reach. wished: wishes without noise."""
+    not converged. missed: a pose each, and helps (m by what would gain them), where it is out
+    of reach. wished: wishes without noise."""
 
     gap: float
     beyond_noise: bool
@@ -196,12 +166,12 @@ class Reach:
     crossing: tuple[tuple[float, float] | None, ...]
     lacking: Lacking | None = None
     missed: tuple[Missed, ...] = ()
-    helps: Helps | None = None
+    helps: dict[str, float] | None = None
     wished: bool = False
     json_keys: ClassVar = (
         ("gap_mm", "gap"), "out_of_reach", ("converged", lambda of: of.lacking is None),
         ("needs", lambda of: of.lacking if of.lacking and of.lacking.evaluations else None),
-        "held_by", "passes_through_itself", "missed", ("helps", "helps.gains"), ("said", "sentences"),
+        "held_by", "passes_through_itself", "missed", ("helps", "gains"), ("said", "sentences"),
     )  # fmt: skip
 
     @property
@@ -211,6 +181,12 @@ class Reach:
     @property
     def passes_through_itself(self) -> bool:
         return any(place is not None for place in self.crossing)
+
+    @property
+    def gains(self) -> list[dict[str, Any]] | None:
+        """Return a row for each change that helps."""
+        helps = self.helps
+        return None if helps is None else [{"what": k, "gain_mm": in_mm(gain)} for k, gain in helps.items()]
 
     @property
     def sentences(self) -> list[str]:
@@ -225,7 +201,13 @@ class Reach:
                     f"Not reached: {in_mm(self.gap):.1f} mm {over}, though no limit holds it back. "
                     "Another seed, number of muscles or kind of layout may come nearer."
                 )
-            lines += missed_in_words(self.missed) + (self.helps.sentences if self.helps else [])
+            for pose, miss in enumerate(self.missed, start=1):
+                of, where = f" in pose {pose}" if len(self.missed) > 1 else "", _around(miss.place)
+                lines.append(f"It misses the target most{of} {where}: {in_mm(miss.off):.1f} mm.")
+            if self.gains is not None:
+                gains = [f"{gain['what']}: {gain['gain_mm']:.1f} mm" for gain in self.gains[:SHOWN]]
+                none = f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."
+                lines.append(f"What would bring it nearer, by derivatives: {'; '.join(gains)}." if gains else none)
         elif self.lacking:
             gap = f", {in_mm(self.gap):.1f} mm {over}" if self.beyond_noise else ""
             lines.append(f"The search ended before it converged{gap}. {self.lacking.sentence}")
@@ -234,9 +216,12 @@ class Reach:
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
-                where = f"around u {in_mm(place[0]):.0f}, v {in_mm(place[1]):.0f} mm"
-                lines.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
+                lines.append(f"No real cloth takes this shape{of}: it passes through itself {_around(place)}.")
         return lines
+
+
+def _around(place: tuple[float, float]) -> str:
+    return f"around u {in_mm(place[0]):.0f}, v {in_mm(place[1]):.0f} mm"
 
 
 def reach_of(

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import Study
-from fabdesign.study_files.study_targets import Price, Robust
+from fabdesign.study_files.study_targets import Price
 from fabdesign.units import in_mm
 from optimize.search.evaluations import Evaluations
-from optimize.search.search_state import as_rows, of_rows
+from optimize.search.search_state import as_row, of_row
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
 from studies.layouts.robust_search import more_robust
 from studies.layouts.robustness import most_robust, tolerance_of
+from studies.layouts.scatter import Scattering
 
 SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
 
@@ -51,17 +51,9 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
         return kept_fewer(study, state)
     fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
     fewer = replace(_fewest(fewer, kept_fewer(study, state), study.price), front=tuple(evaluations.reached.front))
-    state["fewer"] = {
-        "best": best.as_row(),
-        "row": as_rows([fewer.start])[0],
-        "value": fewer.value,
-        "before": fewer.before,
-        "count": fewer.count,
-        "ended": fewer.ended,
-        "cut": fewer.cut,
-        "front": fewer.front,
-        "seconds": evaluations.seconds,
-    }
+    outcome = {name: value for name, value in vars(fewer).items() if name != "start"}
+    seconds = evaluations.seconds
+    state["fewer"] = {"best": best.as_row(), "row": as_row(fewer.start), **outcome, "seconds": seconds}
     state |= evaluations.reached.rows()
     evaluations.history.save(state, evaluations.elapsed)
     return fewer
@@ -87,33 +79,28 @@ def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
     known = state.get("fewer")
     if known is None or not _may_shrink(study):
         return None
-    [start] = of_rows([known["row"]], study.design, study.limits)
+    start = of_row(known["row"], study.design, study.limits)
     front = tuple((count, value) for count, value in known.get("front", []))
-    return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
+    return Fewer(start, front=front, **{name: known[name] for name in ("value", "before", "count", "ended", "cut")})
 
 
-def made_robust(
-    study: Study, robust: Robust, evaluations: Evaluations, points: Sequence[Start], coarse: Predictor
-) -> tuple[list[Start], int]:
+def made_robust(how: Scattering, evaluations: Evaluations, points: Sequence[Start]) -> tuple[list[Start], int]:
     """Return `points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
     study's seconds. What was found stands in the history."""
-    objective, history, best = evaluations.objective, evaluations.history, evaluations.best
+    study, history, best = how.study, evaluations.history, evaluations.best
     state = history.load() or {}
     known, row = state.get("robust"), None if best is None else best.as_row()
     if not known or known["best"] != row or known["seconds"] < study.limits.seconds:
         outcome = more_robust(
-            study,
-            robust,
-            points[most_robust(study, robust, points, objective, coarse)],
-            objective,
-            coarse,
-            tolerance=tolerance_of(robust, np.inf if best is None else best.value),
+            how,
+            points[most_robust(how, points)],
+            tolerance=tolerance_of(how.robust, np.inf if best is None else best.value),
             going=lambda: evaluations.elapsed < study.limits.seconds,
         )
-        known = {"best": row, "row": as_rows([outcome.start])[0], "doubled": outcome.doubled}
+        known = {"best": row, "row": as_row(outcome.start), "doubled": outcome.doubled}
         state["robust"] = known | {"seconds": study.limits.seconds}
         history.save(state, evaluations.elapsed)
-    return [*of_rows([known["row"]], study.design, study.limits), *points], known["doubled"]
+    return [of_row(known["row"], study.design, study.limits), *points], known["doubled"]
 
 
 def _channels(count: int) -> str:
@@ -142,9 +129,3 @@ def fewer_in_words(study: Study, fewer: Fewer, *, converged: bool = True) -> str
     if not converged:
         return f"No layout of fewer than {fewer.count} muscles came {bound} so far."
     return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {bound}."
-
-
-def front_in_words(fewer: Fewer) -> str:
-    """Return the front in words; empty where there is one number of muscles."""
-    each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
-    return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""

@@ -1,8 +1,7 @@
 """The page that shows the result of a study: self-contained, for any browser, without a network."""
 
 import platform
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -125,20 +124,13 @@ of two samples of one surface. Surface RMS: distance of every {} point to the mo
 floor is {}."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """One study of the page."""
-
-    title: str
-    result: StudyResult
-
-
-def render_report(title: str, sections: Sequence[Section], *, more: Sequence[page.Block] = ()) -> str:
-    """Return the HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence,
-    provenance; `more` comes before the last."""
-    studies = [block for s, section in enumerate(sections) for block in _study(s, section.title, section.result)]
-    last = page.Title("Provenance"), page.TableBlock((), [*_provenance(sections).items()], left_aligned=(1,))
-    return page.html_of(title, [*_head(title, sections), *studies, *more, *last])
+def render_report(title: str, results: Mapping[str, StudyResult], *, more: Sequence[page.Block] = ()) -> str:
+    """Return the HTML of one or several studies of the same targets, by their titles: errors, 3D overlay, layout,
+    convergence, provenance; `more` comes before the last."""
+    studies = [block for number, (name, one) in enumerate(results.items()) for block in _study(number, name, one)]
+    first = next(iter(results.values()))
+    last = page.Title("Provenance"), page.TableBlock((), [*_provenance(first).items()], left_aligned=(1,))
+    return page.html_of(title, [*_head(title, results, first), *studies, *more, *last])
 
 
 def target_texts(targets: Sequence[LoadedTarget]) -> list[page.Text]:
@@ -152,13 +144,12 @@ def error_cells(errors: Errors, *, wished: bool) -> list[float]:
     return [*errors.millimetres().values()][:: 2 if wished else 1]
 
 
-def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
+def _head(title: str, results: Mapping[str, StudyResult], first: StudyResult) -> Iterator[page.Block]:
     """Yield what all studies of a page came to."""
-    first = sections[0].result
     wished = is_wished(first.study.targets)
     yield page.Title(title, 1)
-    poses = [(s.title, page.sentence(line)) for s in sections for line in poses_in_words([*s.result.pressure])]
-    line = Markup("<b>{}</b>: {}<br>" if len(sections) > 1 else "{1}<br>")
+    poses = [(name, page.sentence(line)) for name, one in results.items() for line in poses_in_words([*one.pressure])]
+    line = Markup("<b>{}</b>: {}<br>" if len(results) > 1 else "{1}<br>")
     yield page.Text(Markup("").join(line.format(*pose) for pose in poses), "verdict")
     yield from target_texts(first.targets)
     head = WISHED if wished else (*ERRORS, "points\nbeyond 10 mm")
@@ -171,13 +162,13 @@ def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
         rest[2] = rest[4] = ""  # floors of a single draw
     rows = [
         [
-            *(Markup("<b>{}</b>").format(s.title), *cells(s.result.errors)),
-            *(len(s.result.design.muscles), len(s.result.history), f"{s.result.wall_s:.0f}"),
+            *(Markup("<b>{}</b>").format(name), *cells(one.errors)),
+            *(len(one.design.muscles), len(one.history), f"{one.wall_s:.0f}"),
         ]
-        for s in sections
+        for name, one in results.items()
     ]
     yield page.TableBlock(("", *head, "muscles", "evaluations", "seconds"), [rest, *rows])
-    capped = [(s.title, s.result.errors.beyond) for s in sections if s.result.errors.beyond >= MANY_BEYOND]
+    capped = [(name, one.errors.beyond) for name, one in results.items() if one.errors.beyond >= MANY_BEYOND]
     yield from page.texts("note", [page.sentence(f"{name}: {beyond_in_words(share)}") for name, share in capped])
     measured = any(target.measured for target in first.targets)
     noise = "the sensor's noise" if measured else "zero, because the target has no noise"
@@ -256,12 +247,11 @@ def _with_unit(limit: str, margin: float) -> str:
     return f"{factor * margin:.0f}" if not unit else f"{factor * margin:.1f} {unit}"
 
 
-def _provenance(sections: Sequence[Section]) -> dict[str, str]:
-    study = sections[0].result.study
-    hashes = ", ".join(target.sha256[:12] for target in sections[0].result.targets)
+def _provenance(result: StudyResult) -> dict[str, str]:
+    hashes = ", ".join(target.sha256[:12] for target in result.targets)
     return {
-        **({} if is_wished(study.targets) else {"target clouds, sha256": hashes}),
-        "parameters": "data sheet" if study.model is None else "calibrated model",
+        **({} if is_wished(result.study.targets) else {"target clouds, sha256": hashes}),
+        "parameters": "data sheet" if result.study.model is None else "calibrated model",
         "search": "prox-linear local searches over NLopt (SLSQP), derivatives of shapes or differences in batches",
         "versions": page.package_versions(PACKAGES),
         "Python": f"{platform.python_version()} on {platform.system()}",

@@ -1,32 +1,37 @@
-"""The result of a study, and its files."""
+"""The result of a study, its files, and how the history of its search keeps it, so that the same call answers at once;
+and what makes two calls the same."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, get_type_hints
 
 import numpy as np
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import write_json
+from fabdesign.formats.json_file import exact, of_exact, write_json
 from fabdesign.formats.result_tables import Columns, Summary, Tabled, muscle_columns
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.pressure import poses_in_words, regulated, rising_program
+from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
+from fabdesign.version import SIMULATOR, __version__
 from optimize.search.evaluations import SLOPES, TIME_USED
-from optimize.search.history import Entry
+from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
 from optimize.search.objective import MEASURES
+from optimize.search.search_state import of_row
 from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
-from studies.layouts.refinement import fewer_in_words, front_in_words
+from studies.layouts.refinement import fewer_in_words, kept_fewer
 from studies.layouts.robustness import Robustness
 
 
@@ -166,8 +171,9 @@ class StudyResult(Tabled):
         """Return how many muscles serve, in words; empty where their number is given."""
         if self.fewer is None:
             return ""
-        parts = fewer_in_words(self.study, self.fewer, converged=self.reach.lacking is None), front_in_words(self.fewer)
-        return " ".join(filter(None, parts))
+        words = fewer_in_words(self.study, self.fewer, converged=self.reach.lacking is None)
+        front = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in self.fewer.front)
+        return f"{words} Reached, in mm, by number of muscles: {front}." if len(self.fewer.front) > 1 else words
 
     @property
     def within_in_words(self) -> str | None:
@@ -183,12 +189,6 @@ class StudyResult(Tabled):
         """Write `design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose),
         `result.json`."""
         write_best(out, self.design, self.pressure, self, [t.time for t in self.targets], self.study.rise)
-
-
-def pressures_kpa(pressures: Array) -> list[Any]:
-    """Return one list of kPa for a single pose, else a list a pose."""
-    kpa = in_kpa(pressures).tolist()
-    return kpa[0] if len(kpa) == 1 else kpa
 
 
 def write_best(
@@ -211,3 +211,86 @@ def write_best(
         )
         write_pressures(program, out / file)
     write_json(out / "result.json", result)
+
+
+VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
+_MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer", "kept")
+_KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
+_RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
+STARTS_OF_POSES = 2  # raised where a search of several poses no longer begins where it did, so that none goes on
+_NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
+_ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there is no such limit
+
+
+def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, str]:
+    """Return field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in
+    kPa."""
+    more: dict[str, Any] = {"limits.pressure": [in_kpa(pressure) for pressure in study.limits.pressure]}
+    if len(targets) > 1:
+        more["starts"] = STARTS_OF_POSES
+    if study.start_pressures is not None:
+        more["start_pressures"] = in_kpa(study.start_pressures).tolist()
+    for number, target in enumerate(targets, start=1):
+        name = "target" if len(targets) == 1 else f"target {number}"
+        more |= {f"{name}.time": target.time, f"{name}.weight": target.weight, f"{name}.points": target.sha256}
+        further = {
+            "distances": target.markers and "from markers, one way",
+            "wishes": target.landmarks and target.landmarks.key,
+            "free": target.free,
+            "regions": target.weighting and repr(target.weighting.regions),
+            "face": target.face != "both" and target.face,
+        }
+        more |= {f"{name}.{key}": value for key, value in further.items() if value}
+    content = content_of(study, _NO_MATTER, more).items()
+    return {name: value for name, value in content if name not in _RAISED and (name not in _ABSENT or value != "None")}
+
+
+# of the layout that a search ended with: its shape at rest alone, or the motion that leads there too
+Verification = Literal["at rest", "motion"]
+
+
+def keep(history: History, result: StudyResult) -> None:
+    """Let the same call answer with this result: what it has beside its study, targets and history, the limits that it
+    was searched within, and whether a search within wider ones would end alike (`complete`)."""
+    study, state = result.study, history.load()
+    if state is None:
+        return
+    kept = {
+        "versions": VERSIONS,
+        "seconds": study.limits.seconds,
+        "evaluations": study.limits.evaluations,
+        "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
+        "follow": result.loading_path is not None,
+        "layout": {"muscles": result.design.muscles, "pressures": result.pressure.tolist()},
+    }
+    history.keep_answer(exact(kept | {name: getattr(result, name) for name in _KEPT}))
+
+
+def answer(
+    history: History, study: Study, targets: Sequence[LoadedTarget], verification: Verification
+) -> StudyResult | None:
+    """Return the result that is kept, where a search within the study's limits would end with it; None where it may
+    not."""
+    kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
+    try:
+        as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
+        if (
+            kept["versions"] != VERSIONS
+            or kept["follow"] != (verification == "motion")
+            or not (kept["complete"] or as_far)
+        ):
+            return None
+        space, _ = of_row(kept["layout"], study.design, study.limits)
+        values = {name: of_exact(kinds[name], kept[name]) for name in _KEPT}
+    except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
+        return None
+    return StudyResult(
+        study=study,
+        design=space.design,
+        pressure=space.start_pressures,
+        targets=tuple(target.beside(shape) for target, shape in zip(targets, values["points"], strict=True)),
+        history=tuple(history.entries()),
+        **values,
+        fewer=kept_fewer(study, history.load()),
+        kept=True,
+    )

@@ -6,26 +6,23 @@ true copies confirms it. Near a fold they do not: there copies stand in their pl
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
-from scipy.stats import norm, qmc
 
 from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Robust
 from fabdesign.units import in_mm
-from optimize.search.objective import Objective, Poses
+from optimize.search.local_search import LinearShape
+from optimize.search.objective import Poses
 from optimize.search.starts import Start
-from optimize.search.step import LinearShape
-from studies.layouts.scatter import Linear, Scatter, linear
+from studies.layouts.scatter import Scatter, Scattering
 from studies.prediction.stability import copies_elsewhere
 
-LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
 PROBES = 8  # true copies on the coarse model by which derivatives are checked; so many cost no more than one
 FOLD_COPIES = 24  # true copies on the coarse model in place of derivatives
 HOLDS = 1.5  # factor by which the mean error of copies and that by derivatives may differ
@@ -100,29 +97,24 @@ class Robustness:
         return lines
 
 
-def first_order(
-    scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
-) -> tuple[float, float]:
+def first_order(scatter: Scatter, model: LinearShape, tolerance: float) -> tuple[float, float]:
     """Return the expected value [m] and yield, by derivatives."""
-    return mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
+    return mean_and_yield(_linear_values(scatter, model, scatter.normals()), tolerance)
 
 
-def normals(scatter: Scatter, seed: int) -> Array:
-    """Return (LINEAR_COPIES, size) of copies, even from the first few on."""
-    sequence = qmc.Sobol(scatter.size, rng=np.random.default_rng(seed)).random(LINEAR_COPIES)
-    return np.asarray(norm.ppf(sequence))
+def _linear_values(scatter: Scatter, model: LinearShape, zs: Array) -> list[float]:
+    return scatter.how.objective.values([model.at(z) for z in zs])
 
 
 def mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
     """Return m and a share; infinite m where a copy diverged."""
-    counted = np.where(np.isfinite(values), values, np.inf)
-    return float(counted.mean()), float((counted <= tolerance).mean())
+    return float(np.mean(values)), float((np.array(values) <= tolerance).mean())
 
 
 def _holds(linear_values: Sequence[float], values: Sequence[float]) -> bool:
-    """Return whether derivatives say of copies what these show, in the mean."""
+    """Return whether derivatives say of copies what these show, in the mean; never where a copy diverged."""
     one, other = (float(np.mean(each)) for each in (linear_values, values))
-    return bool(one < HOLDS * other and other < HOLDS * one)  # NaN compares false
+    return bool(one < HOLDS * other and other < HOLDS * one)
 
 
 def tolerance_of(robust: Robust, nominal: float) -> float:
@@ -130,82 +122,68 @@ def tolerance_of(robust: Robust, nominal: float) -> float:
     return robust.tolerance if robust.tolerance is not None else (1 + YIELD_OVER) * nominal
 
 
-def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective: Objective, coarse: Predictor) -> int:
-    """Return the number of the layout that the study would choose of several near ones, on the coarse model: by
-    derivatives, or by true copies where these do not hold."""
+def most_robust(how: Scattering, points: Sequence[Start]) -> int:
+    """Return the number of the layout that the study would choose of several near ones: by derivatives, or by true
+    copies where these do not hold."""
     scored, tolerance = [], None
     for k, (space, x) in enumerate(points):
-        scatter = Scatter(study, robust, *space.decode(x))
-        about = linear(scatter, objective, coarse)
-        if not np.isfinite(about.model.shape).all():
+        scatter = Scatter(how, *space.decode(x))
+        model, definite = scatter.linear()
+        if not np.isfinite(model.shape).all():
             continue
         if tolerance is None:
-            tolerance = tolerance_of(robust, objective.value(about.model.shape))
-        expected, share = _expected(scatter, about, objective, coarse, tolerance, seed=study.seed)
-        scored.append(((-share, expected) if robust.choose == "yield" else (expected, -share), k))
+            tolerance = tolerance_of(how.robust, how.objective.value(model.shape))
+        expected, share = _expected(scatter, model if definite else None, tolerance)
+        scored.append(((-share, expected) if how.robust.choose == "yield" else (expected, -share), k))
     return min(scored)[1] if scored else 0
 
 
-def _expected(
-    scatter: Scatter, about: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
-) -> tuple[float, float]:
-    """Return the expected value [m] and yield: by derivatives while a few copies agree with them, else by more
-    copies."""
-    zs, values = normals(scatter, seed), []
-    if about.definite:
-        values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
-        if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
-            return first_order(scatter, about.model, objective, tolerance, seed=seed)
-    more = scatter.shapes(objective, coarse, [*zs[len(values) : FOLD_COPIES]])
-    return mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
+def _expected(scatter: Scatter, model: LinearShape | None, tolerance: float) -> tuple[float, float]:
+    """Return the expected value [m] and yield: by derivatives, where there are some, while a few copies agree with
+    them, else by more copies."""
+    zs, values = scatter.normals(), list[float]()
+    if model is not None:
+        values = scatter.values(zs[:PROBES])
+        if _holds(_linear_values(scatter, model, zs[:PROBES]), values):
+            return first_order(scatter, model, tolerance)
+    return mean_and_yield([*values, *scatter.values(zs[len(values) : FOLD_COPIES])], tolerance)
 
 
-def robustness_of(
-    study: Study,
-    robust: Robust,
-    result: tuple[Design, Array],
-    objective: Objective,
-    coarse: Predictor,
-    fine: Predictor,
-    *,
-    nominal: float,
-) -> Robustness:
-    """Return how robust a result is. nominal: m, of the search's nearest result, which the tolerance is counted from
-    where the study states none."""
-    scatter, tolerance = Scatter(study, robust, *result), tolerance_of(robust, nominal)
-    model, definite = linear(scatter, objective, coarse)
-    expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
-    zs = np.random.default_rng(study.seed + 1).standard_normal((robust.copies, scatter.size))
-    centre, *shapes = scatter.shapes(objective, fine, [np.zeros(scatter.size), *zs])
-    values = np.array([objective.value(shape) for shape in shapes])
+def robustness_of(how: Scattering, result: tuple[Design, Array], fine: Predictor, *, nominal: float) -> Robustness:
+    """Return how robust a result is. fine: of the true copies; all else is of the coarse model. nominal: m, of the
+    search's nearest result, which the tolerance is counted from where the study states none."""
+    robust, objective, scatter = how.robust, how.objective, Scatter(how, *result)
+    tolerance = tolerance_of(robust, nominal)
+    model, definite = scatter.linear()
+    expected, share = first_order(scatter, model, tolerance)
+    zs = np.random.default_rng(how.study.seed + 1).standard_normal((robust.copies, scatter.size))
+    centre, *shapes = Scatter(replace(how, forward=fine), *result).shapes([np.zeros(scatter.size), *zs])
+    values = objective.values(shapes)
     sound = [shape for shape in shapes if np.isfinite(shape).all()]
     moved = np.array([shape[0] - centre[0] for shape in sound]) if sound else np.zeros((1, *centre[0].shape))
-    holds = definite and _holds([objective.value(model.at(z)) for z in zs], values.tolist())
+    holds = definite and _holds(_linear_values(scatter, model, zs), values)
     return Robustness(
         nominal=objective.value(centre),
         expected_linear=expected,
         yield_linear=share,
         holds=holds,
         tolerance=tolerance,
-        expected=float(np.mean(values[np.isfinite(values)])) if sound else float("inf"),
-        yielded=float(np.mean(values <= tolerance)),
-        worst=float(np.max(np.where(np.isfinite(values), values, np.inf))),
+        expected=float(np.mean([value for value in values if value < np.inf])) if sound else float("inf"),
+        yielded=mean_and_yield(values, tolerance)[1],
+        worst=max(values),
         on_another_branch=copies_elsewhere(shapes, [model.at(z) - model.shape for z in zs] if holds else None, centre),
         shapes=tuple(sound),
         band=np.sqrt(np.square(moved).sum(axis=2).mean(axis=0)),
-        delicate=_most_delicate(scatter, model if holds else None, objective, coarse, len(result[0].muscles)),
+        delicate=_most_delicate(scatter, model if holds else None),
         chosen_for=robust.choose,
     )
 
 
-def _most_delicate(
-    scatter: Scatter, model: LinearShape | None, objective: Objective, coarse: Predictor, muscles: int
-) -> tuple[int, float]:
+def _most_delicate(scatter: Scatter, model: LinearShape | None) -> tuple[int, float]:
     """Return the muscle whose worst of four directions is worst, and its value; by derivatives, or without a model by
-    shapes on the coarse one."""
-    directions = ((1, 0), (-1, 0), (0, 1), (0, -1))
-    zs = [scatter.shifted(k, direction, OFF) for k in range(muscles) for direction in directions]
-    shapes = scatter.shapes(objective, coarse, zs) if model is None else [model.at(z) for z in zs]
-    values = np.array([objective.value(shape) for shape in shapes]).reshape(muscles, len(directions))
-    worst = np.where(np.isfinite(values), values, np.inf).max(axis=1)
+    shapes."""
+    directions, muscles = ((1, 0), (-1, 0), (0, 1), (0, -1)), len(scatter.design.muscles)
+    zs = np.array([scatter.shifted(k, direction, OFF) for k in range(muscles) for direction in directions])
+    values = scatter.values(zs) if model is None else _linear_values(scatter, model, zs)
+    worst = np.reshape(values, (muscles, len(directions))).max(axis=1)
     return int(np.argmax(worst)), float(np.max(worst))

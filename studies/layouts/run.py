@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -14,9 +15,8 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, write_text
 from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
-from fabdesign.units import in_mm
+from fabdesign.units import in_kpa, in_mm
 from optimize.search.best import MARGIN
-from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import FINALISTS, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
@@ -24,20 +24,15 @@ from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import MEASURES, Objective
 from optimize.search.starts import Start
 from studies.intervals.draws import drawn_models, region_terms
-from studies.layout_search.first_layouts import (
-    first_starts,
-    forward_models,
-    further_starts,
-    stages_of,
-)
+from studies.layout_search.first_layouts import first_starts, forward_models, further_starts, stages_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.kept import Verification, answer, keep, study_content
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
-from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.report import render_report
+from studies.layouts.result import StudyResult, Verification, answer, keep, study_content, write_best
 from studies.layouts.robustness import robustness_of
+from studies.layouts.scatter import Scattering
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
 
@@ -53,7 +48,7 @@ def run_study(
     out: Path | str,
     *,
     starts: Sequence[Start] | None = None,
-    verification: Verification = Verification.MOTION,
+    verification: Verification = "motion",
     progress: Callable[[Evaluations], None] = lambda _: None,
     **how: Unpack[Simulated],
 ) -> StudyResult:
@@ -83,7 +78,7 @@ def run_study(
             report = _reporting(work, study, targets, progress)
             result = searched(study, targets, begun, history, report, verification, how)
             if not result.interrupted:
-                keep(history, result, verification)
+                keep(history, result)
         if work.anew and result.interrupted:
             work.complete = False
             result = replace(result, stop_reason=f"{result.stop_reason}; {out} holds the earlier result until then")
@@ -95,7 +90,7 @@ def _write(work: WorkFolder, result: StudyResult) -> None:
     with work.adding() as files:
         result.write(files)
         name = result.study.name
-        write_text(files / "report.html", render_report(name, [Section(name, result)]))
+        write_text(files / "report.html", render_report(name, {name: result}))
 
 
 def searched(
@@ -107,7 +102,7 @@ def searched(
     verification: Verification,
     how: Simulated,
 ) -> StudyResult:
-    follow = verification is Verification.MOTION
+    follow = verification == "motion"
     objective = Objective(targets, study.objective, study.order, [t.weight for t in targets])
     fine, quick = (forward_model(engine, study.model) for engine in forward_models(how, study, targets))
     evaluations = Evaluations(
@@ -120,7 +115,8 @@ def searched(
         on_progress=progress,
     )
     evaluations.reached.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
-    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
+    floor = partial(_floor, study, targets)
+    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
     except KeyboardInterrupt:
@@ -130,25 +126,25 @@ def searched(
             "following the motions that lead to the result; this comes after the limit of seconds, some 20 s"
         )
         progress(evaluations)
-    robust, doubled = study.robust if follow else None, 0
+    scattering = Scattering(study, study.robust, objective, quick) if follow and study.robust else None
+    doubled = 0
     smaller = [] if fewer is None or fewer.ended else [fewer.start]
-    points = [*smaller, *evaluations.finalists(FINALISTS if robust is None else POOL)]
-    if robust is not None:
+    points = [*smaller, *evaluations.finalists(FINALISTS if scattering is None else POOL)]
+    if scattering is not None:
         try:
-            points, doubled = made_robust(study, robust, evaluations, points, quick)
+            points, doubled = made_robust(scattering, evaluations, points)
         except KeyboardInterrupt:
             stop_reason = INTERRUPTED
-    chosen = points if follow and robust is None else points[: FINALISTS if follow else 1]
+    chosen = points if follow and scattering is None else points[: FINALISTS if follow else 1]
     result = study_result(study, targets, evaluations, fine, stop_reason, chosen, verification)
     result = replace(result, fewer=fewer)
     if not follow:
         return result
     result = replace(result, within=expected_within(result, objective, quick))
-    if robust is None:
+    if scattering is None:
         return result
     nearest = evaluations.best.value if evaluations.best else result.objective
-    layout = (result.design, result.pressure)
-    outcome = robustness_of(study, robust, layout, objective, quick, fine, nominal=nearest)
+    outcome = robustness_of(scattering, (result.design, result.pressure), fine, nominal=nearest)
     same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
     return replace(result, robust=replace(outcome, doubled=doubled if same_count else 0))
 
@@ -159,7 +155,6 @@ def _reporting(
     """Return progress that also writes the best so far, as often as it changes, and tells, after a tenth of the
     search's limits, how far it is."""
     written: list[float] = []
-    floor = _floor(study, targets)
 
     def report(evaluations: Evaluations) -> None:
         best, shape = evaluations.best, evaluations.reached.shape
@@ -172,13 +167,13 @@ def _reporting(
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": design.muscles,
-                "pressures_kpa": pressures_kpa(pressures),
+                "pressures_kpa": in_kpa(pressures if len(pressures) > 1 else pressures[0]),
                 "stop_reason": f"unfinished: the best so far, in stage {evaluations.stages[best.stage].name}",
             }
             with work.adding() as files:
                 write_best(files, design, pressures, unfinished, [target.time for target in targets], study.rise)
         if not evaluations.message and evaluations.share >= TENTH and best is not None and shape is not None:
-            least = floor(shape)
+            least = _floor(study, targets, shape)
             over = f", {best.value / least:.2f} times the noise floor" if least > ROUNDING else ""
             evaluations.message = (
                 f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
@@ -188,13 +183,9 @@ def _reporting(
     return report
 
 
-def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[Array], float]:
+def _floor(study: Study, targets: tuple[LoadedTarget, ...], shapes: Array) -> float:
     """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
-
-    def floor(shapes: Array) -> float:
-        return MEASURES[study.objective].errors(target_errors(targets, shapes, study.design, seed=study.seed))[1]
-
-    return floor
+    return MEASURES[study.objective].errors(target_errors(targets, shapes, study.design, seed=study.seed))[1]
 
 
 def study_result(
@@ -204,19 +195,16 @@ def study_result(
     forward: Predictor,
     stop_reason: str,
     points: Sequence[Start] = (),
-    verification: Verification = Verification.MOTION,
+    verification: Verification = "motion",
 ) -> StudyResult:
     """Return the result of the first of `points` whose loading path is not sensitive, else of the first: where its
     motion leads, valued once more on the full model, and the resting cloth. By default points are what is as near as
     the best."""
-    objective, searched_s, follow = evaluations.objective, evaluations.elapsed, verification is Verification.MOTION
+    objective, searched_s, follow = evaluations.objective, evaluations.elapsed, verification == "motion"
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
-    resting = [
-        (DesignSpace(design, study.limits, np.zeros_like(pressures), vary_pressures=False), np.empty(0))
-        for design, pressures in layouts
-    ]
-    every = objective.shapes(forward, [*points, *resting])
+    resting = [(design, np.zeros_like(pressures)) for design, pressures in layouts]
+    every = objective.shapes(forward, [*layouts, *resting])
     shapes, rests = every[: len(points)], every[len(points) :]
     if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
@@ -238,11 +226,8 @@ def study_result(
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height
         missed = tuple(missed_at(one, t, size) for one, t in zip(shape, targets, strict=True))
-        reach = replace(
-            reach,
-            missed=missed,
-            helps=helps_of(study, points[chosen], objective, without_resistance(forward) or forward),
-        )
+        helps = helps_of(study, points[chosen], objective, without_resistance(forward) or forward)
+        reach = replace(reach, missed=missed, helps=helps)
     return StudyResult(
         study=study,
         design=design,
@@ -267,8 +252,7 @@ def expected_within(result: StudyResult, objective: Objective, coarse: Predictor
     spread = spread_of(coarse.model)
     if spread is None:
         return None
-    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
-    models = drawn_models(coarse.model) if spread.covariance else []
-    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
+    models, layout = drawn_models(coarse.model) if spread.covariance else [], (result.design, result.pressure)
+    others = [objective.shapes(replace(coarse, model=model), [layout])[0] for model in models]
     terms = region_terms(result.rest, result.points, others, result.design.fabric)
     return float(half_widths(spread, *terms).mean())

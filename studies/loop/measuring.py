@@ -33,7 +33,6 @@ class Asked:
 
     design: Design
     programs: tuple[PressureProgram, ...]
-    poses: int  # how many of them are rises
     held_out: int  # the last so many
 
     def role(self, order: int) -> Role:
@@ -52,7 +51,7 @@ def programs_for(
     ]
     others = [] if last else _informative(study, design, pressures[0], np.random.default_rng([search.seed, seed]))
     programs = [*rises, *(within_rate(program, rig.rate, rig.resolution) for program in others)]
-    return Asked(design, tuple(programs), len(rises), 0 if last else trials.held_out)
+    return Asked(design, tuple(programs), 0 if last else trials.held_out)
 
 
 def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random.Generator) -> list[PressureProgram]:
@@ -96,26 +95,26 @@ _INSTANTS = 9  # before a frame, at which they are compared
 Counter = Callable[[int, int], None]
 
 
-def measured(
-    study: LoopStudy, name: str, asked: Asked, work: WorkFolder, *, progress: Counter = lambda done, of: None
-) -> MeasurementSet | None:
-    """Return what the source measured of `asked` in the turn of this name, as a set in the turn's folder; None where a
-    laboratory has been asked for it. Its trials and its design are named after the turn, so that sets of several turns
-    go together. Raises InputError for a laboratory's set that is not what was asked for."""
+class Waiting(Exception):
+    """A laboratory has been asked, and has not measured yet."""
+
+
+def measure(study: LoopStudy, name: str, asked: Asked, work: WorkFolder, *, progress: Counter) -> None:
+    """Keep what the source measured of `asked` in the turn of this name, as a set in the turn's folder. Its trials and
+    its design are named after the turn, so that sets of several turns go together. Raises Waiting where a laboratory
+    has been asked for it, InputError for a set of its that is not what was asked for."""
     folder = work.folder / name / MEASURED
     if isinstance(study.source, VirtualRig):
         with tempfile.TemporaryDirectory() as temporary:
-            result = measured_on_rig(study.source, asked, Path(temporary) / "set", progress)
-            _keep(result, asked, name, folder)
-        return read_set(folder)
+            _keep(measured_on_rig(study.source, asked, Path(temporary) / "set", progress), asked, name, folder)
+        return
     place = study.source.folder / name
     if not (place / "set.toml").is_file():
         ask(study.source, asked, work, name)
-        return None
+        raise Waiting
     result = read_set(place)
     _require_asked(result, asked, place)
     _keep(result, asked, name, folder)
-    return read_set(folder)
 
 
 def measured_on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
@@ -180,7 +179,13 @@ def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
         by_order[trial.order] = trial
     if len(measured.designs) != 1:
         raise InputError(f"{place}: {len(measured.designs)} designs; expected the one that was asked for")
-    _require_same(measured.trials[0].design, asked.design, place)
+    sewn = measured.trials[0].design
+    made, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked.design))
+    if made != wanted:
+        raise InputError(
+            f"{place}: design {sewn.name} has {len(made)} muscles of other types, sides or channels than the "
+            f"{len(wanted)} asked for; expected to_measure/design.toml, its paths corrected at most"
+        )
     for order, program in enumerate(asked.programs):
         if order not in by_order:
             raise InputError(f"{place}: no trial of order {order}; expected {order:03d}.csv as it was asked for")
@@ -192,15 +197,6 @@ def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
             )
     if extra := sorted(set(by_order) - set(range(len(asked.programs)))):
         raise InputError(f"{place}: a trial of order {extra[0]}; {len(asked.programs)} were asked for")
-
-
-def _require_same(sewn: Design, asked: Design, place: Path) -> None:
-    made, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
-    if made != wanted:
-        raise InputError(
-            f"{place}: design {sewn.name} has {len(made)} muscles of other types, sides or channels than the "
-            f"{len(wanted)} asked for; expected to_measure/design.toml, its paths corrected at most"
-        )
 
 
 def _apart(ran: Trial, asked: PressureProgram) -> float:

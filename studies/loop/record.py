@@ -14,6 +14,7 @@ from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.json_file import plain
 from fabdesign.geometry.metrics import Errors
 from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.store import read_arrays
 from fabdesign.study_files.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR, __version__
@@ -104,11 +105,10 @@ class LoopOutcome:
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
     """Return what the pieces depend on, by field; of a rig's ground truth its hash."""
-    source = study.source
-    where: dict[str, Any] = {}
+    source, where = study.source, dict[str, Any]()
     if isinstance(source, VirtualRig):
-        key = None if source.truth is None else sha256(source.truth)
-        where |= {"rig.element": source.element, "rig.step": source.step, "rig.key": key}
+        where |= {"rig.element": source.element, "rig.step": source.step}
+        where["rig.key"] = None if source.truth is None else sha256(source.truth)
     else:
         where["laboratory.folder"] = source.folder.resolve()
     content = content_of(study, (*_RAISED, "source"), where)
@@ -166,26 +166,23 @@ def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[pag
         target's points and the measured cloth.""")
     predicted = "predicted\nexcess, mm", "predicted\nChamfer (floor), mm"
     device = "excess", "surface RMS (floor)", "Chamfer (floor)", "from predicted"
-    rows = [[_name(turn), *_cells(turn)] for turn in outcome.turns]
-    yield page.TableBlock(("turn", *predicted, *(f"on the device\n{name}, mm" for name in device)), rows)
+    head = ("turn", *predicted, *(f"on the device\n{name}, mm" for name in device))
+    yield page.TableBlock(head, [*map(_cells, outcome.turns)])
 
 
 def _name(turn: Turn) -> str:
     return turn.name.replace("_", " ")
 
 
-def _cells(turn: Turn) -> Iterator[object]:
-    """Yield a turn's row of the table, mm."""
+def _cells(turn: Turn) -> list[object]:
+    """Return a turn's row of the table, mm."""
     believed, device = turn.chosen["believed"], turn.device
-    yield believed["excess"]
-    yield f"{believed['chamfer']:.2f} ({believed['chamfer_floor']:.2f})"
+    predicted = [_name(turn), believed["excess"], f"{believed['chamfer']:.2f} ({believed['chamfer_floor']:.2f})"]
     if device is None:
-        yield "not measured yet"
-        return
-    yield device["excess"]
-    yield f"{device['surface_rms']:.2f} ({device['surface_floor']:.2f})"
-    yield f"{device['chamfer']:.2f} ({device['chamfer_floor']:.2f})"
-    yield device["from_believed"]
+        return [*predicted, "not measured yet"]
+    surface = f"{device['surface_rms']:.2f} ({device['surface_floor']:.2f})"
+    chamfer = f"{device['chamfer']:.2f} ({device['chamfer_floor']:.2f})"
+    return [*predicted, device["excess"], surface, chamfer, device["from_believed"]]
 
 
 def _turn(turn: Turn, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path) -> Iterator[page.Block]:
@@ -246,8 +243,9 @@ def as_text(outcome: LoopOutcome) -> str:
 
 def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> page.Chart:
     """Return of the first pose the target, the measured cloth, and the shape that the search predicted."""
-    with np.load(folder / turn.name / "shapes.npz") as arrays:
-        shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}
+    shapes = read_arrays(folder / turn.name / "shapes.npz")
     named = (("measured", shapes["device"], DEVICE), ("predicted", shapes["believed"], PREDICTED))
-    cloths = [charts.cloth_mesh(name, points, color=colour, opacity=0.7) for name, points, colour in named]
+    cloths = [
+        charts.cloth_mesh(name, poses[0].astype(float), color=colour, opacity=0.7) for name, poses, colour in named
+    ]
     return charts.scene(turn.name, [charts.target_cloud(targets[0].points), *cloths])

@@ -6,18 +6,21 @@ that a model predicts (iterated closest points with a nearly inextensible sheet)
 face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.regression`.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from fabdesign.geometry.shape import Shape, normals
 from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.trial import MeasurementSet
+from studies.layout_search.target import LoadedTarget
 
+AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
 POINTS = 6_000  # of all frames that are fitted, drawn
 CONTROLS = 11  # a side
 _STRAIN = 0.004  # of the lengths between nodes, that counts as much as
@@ -31,6 +34,23 @@ _FAR = 5.0  # median heights off, from which a point is a stray's
 _LEAST_FAR = 2.5e-3  # m, below which it is none
 
 
+def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], predicted: Array, *, seed: int) -> Array:
+    """Return (poses, 2 n, 3) m: the cloth's faces in the trials of orders 0, 1, ..., one a target: at rest in the last
+    half second, or in the frame at the target's time. predicted: (poses, 2 n, 3) m, as the search had them."""
+    by_order = {trial.order: trial for trial in measured.trials}
+    shapes = []
+    for pose, target in enumerate(targets):
+        trial = by_order[pose]
+        data = trial.load()
+        if target.time is None:
+            frames = np.flatnonzero(data.time > data.time[-1] - AT_REST)
+        else:
+            frames = np.array([np.abs(data.time - target.time).argmin()])
+        points = np.concatenate([data.frames[int(k)] for k in frames])
+        shapes.append(resting_faces(points, trial.design.fabric, predicted[pose], seed=seed))
+    return np.array(shapes)
+
+
 def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int = 0) -> Array:
     """Return (2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
 
@@ -38,14 +58,16 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
     """
     shape = Shape.of(predicted)
     side = shape.side
-    points = _drawn(np.asarray(points, dtype=np.float64), seed)
-    basis = _basis(side)
+    points = np.asarray(points, dtype=np.float64)
+    if len(points) > POINTS:
+        points = np.random.default_rng(seed).choice(points, POINTS, replace=False)
+    basis, bending = _basis(side), _second_differences()
     start = shape.middle.reshape(-1, 3)
     controls = np.linalg.lstsq(basis.toarray(), start, rcond=None)[0]
     along = _differences(side, basis)
     lengths = np.linalg.norm(along @ controls, axis=1)
-    curved = _second_differences() @ controls
-    held = _held(fabric, side)
+    curved = bending @ controls
+    held = np.arange(side if fabric.hung == "top" else 0)  # nodes whose places are known: those of the hung edge
     half = fabric.thickness / 2
     for number in range(_ROUNDS):
         middle = basis @ controls
@@ -56,20 +78,15 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
         blocks = [
             (rows[kept] / _HEIGHT, off[kept] / _HEIGHT),
             _kept(along, controls, lengths),
-            _towards(curved, _second_differences(), controls, _SMOOTH),
+            _towards(curved, bending, controls, _SMOOTH),
             _towards(start[held], basis[held], controls, _PINNED),
         ]
         step = _solve(blocks, controls.size)
         controls = controls + step.reshape(controls.shape)
         if number > _SIDED and np.abs(step).max() < 1e-5:
             break
-    return _faces(basis @ controls, side, half)
-
-
-def _drawn(points: Array, seed: int) -> Array:
-    if len(points) <= POINTS:
-        return points
-    return np.asarray(points[np.random.default_rng(seed).choice(len(points), POINTS, replace=False)])
+    grid = (basis @ controls).reshape(side, side, 3)
+    return np.concatenate([(grid + s * half * normals(grid)).reshape(-1, 3) for s in (1, -1)])
 
 
 @lru_cache(maxsize=4)
@@ -95,16 +112,10 @@ def _differences(side: int, basis: sp.csr_matrix) -> sp.csr_matrix:
     return sp.csr_matrix(basis[to] - basis[of])
 
 
-@lru_cache(maxsize=1)
 def _second_differences() -> sp.csr_matrix:
     line = sp.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(CONTROLS - 2, CONTROLS))
     one = sp.identity(CONTROLS)
     return sp.csr_matrix(sp.vstack([sp.kron(line, one), sp.kron(one, line)]))
-
-
-def _held(fabric: Fabric, side: int) -> NDArray[np.intp]:
-    """Return nodes whose places are known: those of the hung edge."""
-    return np.arange(side) if fabric.hung == "top" else np.zeros(0, dtype=np.intp)
 
 
 def _heights(middle: Array, side: int, points: Array, basis: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
@@ -151,8 +162,3 @@ def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:
         normal += (rows.T @ rows).toarray()
         right += rows.T @ wanted
     return np.asarray(np.linalg.solve(normal + 1e-9 * np.trace(normal) / size * np.eye(size), right))
-
-
-def _faces(middle: Array, side: int, half: float) -> Array:
-    grid = middle.reshape(side, side, 3)
-    return np.concatenate([(grid + s * half * normals(grid)).reshape(-1, 3) for s in (1, -1)])

@@ -26,7 +26,7 @@ from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import OtherContent
 from fabdesign.study_files.loop_file import LoopStudy, StopRule
 from studies.check.design import study_findings
-from studies.loop.learning import learn, traced_by
+from studies.loop.learning import Lesson
 from studies.loop.measuring import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
@@ -191,11 +191,10 @@ def test_a_network_that_is_of_no_use_on_trials_kept_back_is_not_used(place: Path
     (place / "study.toml").write_text(TRAINED)
     design = build("cross")
     programs = tuple(rising_program(np.array(p) * 1e3, 0.5, 1.0) for p in ((100, 300), (300, 100), (250, 250)))
-    measured = on_device(Asked(design, programs, 1, 1), place / "set")  # gain alone, which calibration finds
+    measured = on_device(Asked(design, programs, 1), place / "set")  # gain alone, which calibration finds
     with work_folder(place / "work", made_by="loop") as work:
-        learned = learn(
-            LoopStudy.read(place / "study.toml"), [measured], Model(), work, "turn_0", simulators, say=print
-        )
+        lesson = Lesson(LoopStudy.read(place / "study.toml"), [measured], work, "turn_0", simulators, say=print)
+        learned = lesson.learn(Model())
         assert not learned["corrector"] and learned["said"][-1].endswith("it is not used")
         assert read_model(place / "work" / "turn_0" / "model.toml").corrector is None
         assert not list((place / "work" / "turn_0").glob("*.safetensors"))
@@ -210,10 +209,10 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
 
     monkeypatch.setattr("studies.tracing.trace_set", traced)
     design = build("cross")
-    measured = on_device(Asked(design, (constant_program(HIDDEN),), 1, 1), place / "set")
-    found = traced_by(
-        LoopStudy.read(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None
-    )
+    measured = on_device(Asked(design, (constant_program(HIDDEN),), 1), place / "set")
+    with work_folder(place / "work", made_by="loop") as work:
+        lesson = Lesson(LoopStudy.read(place / "study.toml"), [measured], work, "turn_0", simulators, say=print)
+        found = lesson.traced(measured, Model())
     assert forced == [False, True]
     assert found == (None, None, ["not traced: d: 2 trials"])
 
@@ -236,11 +235,11 @@ def test_a_laboratory_is_asked_and_answers(place: Path, run: Run, monkeypatch: p
         (programs[:3], "no trial of order 3"),
         ((*programs[:3], constant_program([1e5, 3e5])), "order 3 ran other pressures than 003.csv"),
     ):
-        on_device(Asked(design, bad, 1, 1), answer)
+        on_device(Asked(design, bad, 1), answer)
         code, out, err = run(*command)
         assert code == 2 and problem in err.splitlines()[-1]
         answer.rename(place / problem)
-    on_device(Asked(design, programs, 1, 1), answer)
+    on_device(Asked(design, programs, 1), answer)
     code, out, err = run("study", *command[1:])  # the same command
     assert code == 0, err
     assert "turn 0: predicted" in out and f"waiting for a measurement set in {place / 'lab' / 'turn_1'}" in out

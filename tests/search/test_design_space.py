@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
+from fabdesign.study_files.study_file import MuscleChoice
 from optimize.search.design_space import DesignSpace
 from optimize.search.margins import Limits, bend_radius, clearance, constraint_margins
 from optimize.search.starts import layout_starts, pressure_starts, thinned_starts
@@ -99,7 +100,7 @@ def test_crossing_muscles_on_one_face_break_the_spacing_and_on_two_do_not() -> N
 @pytest.mark.parametrize("seed", range(3))
 def test_drawn_layouts_keep_the_limits(seed: int) -> None:
     limits = Limits(spacing=0.02, pressure=(50e3, 300e3))
-    starts = layout_starts(BASIC, limits, 1, counts=range(1, 5), sides=("front",), number=40, seed=seed)
+    starts = layout_starts(BASIC, limits, 1, MuscleChoice(1, 4, ("front",)), number=40, seed=seed)
     assert len(starts) == 40
     assert {len(space.design.muscles) for space, _ in starts} == {1, 2, 3, 4}
     for space, x in starts:
@@ -117,7 +118,7 @@ def test_the_same_seed_draws_the_same_starts() -> None:
 
 def test_thinned_starts_are_the_design_s_own_muscles_under_their_pressures():
     design, pressures = build("basic"), 1e3 * np.arange(1, 9).reshape(1, 8)
-    every = thinned_starts(design, Limits(), pressures, 7, number=10, seed=1)
+    every = thinned_starts(DesignSpace(design, Limits(), pressures), 7, number=10, seed=1)
     left_out = set()
     for space, x in every:
         thinned, own = space.decode(x)
@@ -126,5 +127,5 @@ def test_thinned_starts_are_the_design_s_own_muscles_under_their_pressures():
         assert [m.path for m in thinned.muscles] == [design.muscles[k].path for k in kept]
         left_out |= set(range(8)) - set(kept)
     assert len(every) == 8 and left_out == set(range(8))
-    some = thinned_starts(design, Limits(), pressures, 4, number=20, seed=1)
+    some = thinned_starts(DesignSpace(design, Limits(), pressures), 4, number=20, seed=1)
     assert len(some) == 20 and len({tuple(space.decode(x)[1][0].round()) for space, x in some}) == 20

@@ -27,7 +27,7 @@ from studies.follow.measured import MeasuredRun, displacements
 from studies.follow.programs import UNIT, Regulator, Roughness, best_change
 from studies.follow.run import run_follow
 from studies.follow.wanted import Wanted, moved
-from studies.follow.windows import Effort, FollowTask, solve
+from studies.follow.windows import FollowTask, solve
 from studies.layout_search.target import LoadedTarget
 
 GRID = 11
@@ -150,8 +150,8 @@ def test_roughness_is_its_own_quadratic():
 
 
 def test_set_points_of_the_truth_stay(simulator, wanted):
-    task = FollowTask(Case(DESIGN, REGULATOR.program(TRUTH)), wanted, REGULATOR)
-    solved = solve(task, TRUTH.copy(), Effort(simulator, 2))
+    task = FollowTask(Case(DESIGN, REGULATOR.program(TRUTH)), wanted, REGULATOR, simulator)
+    solved = solve(task, TRUTH.copy(), steps=2)
     assert rms(wanted, moving(simulator, REGULATOR.kept(solved))) < 1.02 * rms(wanted, moving(simulator))
     assert np.abs(solved - TRUTH)[:3].max() < 15e3  # Pa; the last set points hardly move a frame
     assert np.array_equal(solved, TRUTH)  # nothing is to be gained below the noise
@@ -166,7 +166,7 @@ def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
     wanted = Wanted(TIMES, clouds)
     case = Case(DESIGN, REGULATOR.program(TRUTH))
     with_it, without = (
-        solve(FollowTask(case, wanted, REGULATOR, lacks), TRUTH.copy(), Effort(simulator, 1)) for lacks in (shift, None)
+        solve(FollowTask(case, wanted, REGULATOR, simulator, lacks), TRUTH.copy(), steps=1) for lacks in (shift, None)
     )
     assert np.abs(with_it - TRUTH).max() < 1e3
     assert np.abs(without - TRUTH).max() > 9e3  # 9.98 kPa on one processor, 10.0 on another
@@ -174,8 +174,8 @@ def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
 
 def test_pressures_nearby_are_recovered_from_clouds(simulator, wanted):
     begin = 0.7 * TRUTH
-    task = FollowTask(Case(DESIGN, REGULATOR.program(begin)), wanted, REGULATOR)
-    program = solve(task, begin, Effort(simulator, 4))
+    task = FollowTask(Case(DESIGN, REGULATOR.program(begin)), wanted, REGULATOR, simulator)
+    program = solve(task, begin, steps=4)
     assert rms(wanted, moving(simulator, program)) < 0.2 * rms(wanted, moving(simulator, begin))
 
 

@@ -16,7 +16,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.layouts_file import LayoutsStudy
 from optimize.search.evaluations import Evaluations
-from optimize.search.search_state import as_rows, of_rows
+from optimize.search.search_state import as_row, of_row
 from studies.layout_grid.run import run_layouts
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, next_turn, seeds_of
 from studies.layouts.result import StudyResult
@@ -146,7 +146,8 @@ def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: GridResult) ->
     grown = [p for d, p in decoded if np.allclose(d.muscles[0].path, path, rtol=0, atol=1e-9) and p[0, 1] == 0]
     assert grown  # with an idle one
     assert all(pressures[0, 0] == pytest.approx(one.result.pressure[0, 0]) for pressures in grown)
-    again = of_rows(json.loads(json.dumps(as_rows(seeds))), both.cell.study.design, seeds[0][0].limits)
+    rows = json.loads(json.dumps([as_row(seed) for seed in seeds]))
+    again = [of_row(row, both.cell.study.design, seeds[0][0].limits) for row in rows]
     assert [space.design for space, _ in again] == [design for design, _ in decoded]
     assert not seeds_of(one.cell, result.cells)
 

@@ -18,7 +18,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.design_space import DesignSpace, by_muscle, start_of
 from optimize.search.margins import Intervals, Limits, LinearContraction, constraint_margins, largest_contraction
 from optimize.search.starts import layout_starts
-from studies.layouts.kept import study_content
+from studies.layouts.result import study_content
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.sheets import rolled_sheet
@@ -94,7 +94,7 @@ def test_a_search_keeps_the_air_and_comes_up_against_it(tmp_path: Path) -> None:
 
 def test_drawn_layouts_keep_the_air_and_the_channels() -> None:
     limits = Limits(air=2e-6, channels=2)
-    starts = layout_starts(DESIGN, limits, 2, counts=range(1, 6), sides=("front", "back"), number=30, seed=1)
+    starts = layout_starts(DESIGN, limits, 2, MuscleChoice(1, 5), number=30, seed=1)
     assert max(len(space.design.muscles) for space, _ in starts) == 5
     for space, x in starts:
         design, pressures = space.decode(x)

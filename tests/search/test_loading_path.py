@@ -17,7 +17,7 @@ from optimize.search.history import History
 from optimize.search.objective import Objective, Target
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.loading_path import loading_path
-from studies.layouts.report import Section, render_report
+from studies.layouts.report import render_report
 from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
 
@@ -143,4 +143,4 @@ def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(rise=5.0), ALIKE)  # at rest in front, where no motion leads
     assert result.to_json()["way"]["reached"] is False
     assert result.objective == pytest.approx(result.loading_path.motion.value) and result.objective > 0.01
-    assert "No simple rise of the pressures reaches" in render_report("duo", [Section("duo", result)])
+    assert "No simple rise of the pressures reaches" in render_report("duo", {"duo": result})

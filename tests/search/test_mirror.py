@@ -47,7 +47,7 @@ def target_under(pressures: list[list[float]]) -> Target:
     """Of the layout a little higher and wider, with noise."""
     wide = [muscle.along(0.96 * (np.array(muscle.path) - 0.1) + 0.1) for muscle in THREE.muscles]
     start = start_of(pressures, replace(THREE, muscles=tuple(wide)))
-    [[shape]] = Objective([Target(np.zeros((1, 3)))]).shapes(AnalyticCloth(), [start])
+    [[shape]] = Objective([Target(np.zeros((1, 3)))]).shapes(AnalyticCloth(), [start[0].decode(start[1])])
     return Target(shape + np.random.default_rng(7).normal(0, 6e-4, shape.shape))
 
 
@@ -99,7 +99,8 @@ def test_a_search_stays_even_where_the_target_is(even: bool) -> None:
     target = target_under(EVEN if even else [[250e3, 120e3, 150e3]])
     with History(":memory:", "a") as history:
         searched = evaluations_of(target, [start_of([[200e3, 200e3, 200e3]])], history)
-        before = searched.objective.value(searched.objective.shapes(AnalyticCloth(11), searched.starts)[0])
+        [(space, x)] = searched.starts
+        before = searched.objective.value(searched.objective.shapes(AnalyticCloth(11), [space.decode(x)])[0])
         search(searched)
     assert searched.best is not None and searched.best.value < 0.7 * before
     assert is_even(searched.best_point()) == even

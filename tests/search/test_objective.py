@@ -23,7 +23,7 @@ def space() -> DesignSpace:
 
 def shape_of(space: DesignSpace) -> np.ndarray:
     x = space.encode(space.design, PRESSURES)
-    return Objective([Target(np.zeros((1, 3)), 1.5)]).shapes(AnalyticCloth(), [(space, x)])[0]
+    return Objective([Target(np.zeros((1, 3)), 1.5)]).shapes(AnalyticCloth(), [space.decode(x)])[0]
 
 
 def test_chamfer_is_the_sum_of_both_mean_nearest_distances(space: DesignSpace) -> None:
@@ -74,9 +74,9 @@ class Wave:
 
 def test_a_coarse_grid_is_interpolated(space: DesignSpace) -> None:
     # cubic spline: error below h^4 max|f| / 384 inside, some ten times that at the ends; h = 10 mm, f = 0.02 20^4
-    point = (space, space.encode(space.design, PRESSURES))
+    layout = space.decode(space.encode(space.design, PRESSURES))
     objective = Objective([Target(np.zeros((1, 3)))])
-    coarse, fine = (objective.shapes(Wave(side), [point])[0] for side in (21, 41))
+    coarse, fine = (objective.shapes(Wave(side), [layout])[0] for side in (21, 41))
     assert coarse.shape == fine.shape
     assert np.abs(coarse - fine).max() < 10 * 0.01**4 * 0.02 * 20**4 / 384
 

@@ -19,7 +19,7 @@ from fabdesign.study_files.study_file import Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
-from optimize.search.slopes import Change, what_helps
+from optimize.search.slopes import what_helps
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.reach import missed_at, spaces_by_type
 from studies.layouts.run import run_study
@@ -45,15 +45,14 @@ def test_what_helps_is_what_a_changed_forward_model_shows() -> None:
     space = DesignSpace(DESIGN, limits, np.full((1, 3), 200e3))
     x = space.encode(DESIGN, space.start_pressures)
     objective, forward = Objective([Target(cloud([230, 230, 230]))]), Stronger(21)
-    changes = [Change(f"gain {by:+g}", factor("muscle_gain"), by) for by in (0.1, -0.1)]
-    changes.append(Change("bending", factor("bending"), 0.1))
+    changes = {f"gain {by:+g}": (factor("muscle_gain"), by) for by in (0.1, -0.1)}
+    changes["bending"] = factor("bending"), 0.1
     wider = {"220 kPa": replace(space, limits=replace(limits, pressure=(0.0, 220e3)))}
-    before, found = what_helps(forward.faces_jacobian, objective, (space, x), changes, wider)
+    before, by_name = what_helps(forward.faces_jacobian, objective, (space, x), changes, wider, {})
     assert forward.asked == 1  # the shape at rest is solved once
-    by_name = {own.what: own.value for own in found}
-    assert [own.value for own in found] == sorted(own.value for own in found)
-    assert before == pytest.approx(objective.value(objective.shapes(forward, [(space, x)])[0]), rel=1e-6)
-    [there] = objective.shapes(forward, [(wider["220 kPa"], np.ones(3))])
+    assert [*by_name.values()] == sorted(by_name.values())
+    assert before == pytest.approx(objective.value(objective.shapes(forward, [space.decode(x)])[0]), rel=1e-6)
+    [there] = objective.shapes(forward, [wider["220 kPa"].decode(np.ones(3))])
     assert by_name["gain +0.1"] == pytest.approx(by_name["220 kPa"], rel=0.02)  # the same thing here
     assert by_name["220 kPa"] == pytest.approx(objective.value(there), rel=0.1)
     assert by_name["220 kPa"] < 0.7 * before
@@ -78,10 +77,11 @@ def test_another_type_of_muscle_is_among_what_helps() -> None:
     assert name == "muscles of type strong" and {muscle.type for muscle in own.design.muscles} == {"strong"}
     assert spaces_by_type(replace(space, design=DESIGN)) == {}
     objective, forward = Objective([Target(cloud([180, 180, 180]))]), ByType(21)
-    before, [found] = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), [], {}, {name: own})
-    [there] = objective.shapes(forward, [(own, np.ones(3))])
-    assert found.value == pytest.approx(objective.value(there), abs=1e-5)
-    assert found.value < 0.7 * before
+    before, found = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), {}, {}, {name: own})
+    [there] = objective.shapes(forward, [own.decode(np.ones(3))])
+    assert [*found] == [name]
+    assert found[name] == pytest.approx(objective.value(there), abs=1e-5)
+    assert found[name] < 0.7 * before
 
 
 def test_the_place_that_misses_is_found() -> None:

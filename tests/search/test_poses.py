@@ -27,7 +27,7 @@ CLOTH = build("vertical")
 FRONT, BACK = (replace(CLOTH.muscles[k], side=side, channel=k) for k, side in enumerate(("front", "back")))
 DESIGN = replace(CLOTH, muscles=(FRONT, BACK))
 TRUTH = np.array([[320e3, 0.0], [0.0, 250e3]])
-BOTH_FACES = {"counts": range(2, 5), "sides": ("front", "back")}
+BOTH_FACES = MuscleChoice(2, 4)
 
 
 class WithThreshold(WithJacobian):
@@ -45,7 +45,8 @@ def start_under(pressures: np.ndarray, design=DESIGN) -> Start:
 
 def objective_of(times: tuple[float | None, ...] = (None, None)) -> Objective:
     blank = Objective([Target(np.zeros((1, 3)), time) for time in times])
-    [shapes] = blank.shapes(AnalyticCloth(11), [start_under(TRUTH)])
+    space, x = start_under(TRUTH)
+    [shapes] = blank.shapes(AnalyticCloth(11), [space.decode(x)])
     return Objective([Target(shape, time) for shape, time in zip(shapes, times, strict=True)])
 
 
@@ -93,8 +94,8 @@ def test_a_pose_takes_no_shape_of_another_instant() -> None:
 
 
 def test_starts_of_several_poses_pull_on_each_face_alone_in_some_pose() -> None:
-    drawn = layout_starts(CLOTH, Limits(), 2, number=60, seed=1, **BOTH_FACES)
-    drawn += catalogue_starts(CLOTH, Limits(), 2, **BOTH_FACES)
+    drawn = layout_starts(CLOTH, Limits(), 2, BOTH_FACES, number=60, seed=1)
+    drawn += catalogue_starts(CLOTH, Limits(), 2, BOTH_FACES)
     mixed = [start for start in drawn if {muscle.side for muscle in start[0].design.muscles} == {"front", "back"}]
     assert len(mixed) > 20
     alone = 0

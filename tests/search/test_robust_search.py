@@ -19,10 +19,10 @@ from optimize.search.objective import Objective, Target
 from optimize.search.variations import doubled
 from studies.layouts.robust_search import COPIES, YIELD_GAIN, Copies, MoreRobust, descend, more_robust
 from studies.layouts.run import run_study
-from studies.layouts.scatter import Scatter, linear
+from studies.layouts.scatter import Scatter
 from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
-from tests.search.test_robustness import LINE, ONE, ROBUST, STUDY, TWO, start_of, with_muscles
+from tests.search.test_robustness import LINE, ONE, ROBUST, STUDY, TWO, scattering, start_of, with_muscles
 
 FORWARD = forward_model(WithJacobian(11), None)
 MANY = replace(STUDY, positions=True, muscles=MuscleChoice(1, 2))
@@ -63,7 +63,7 @@ def test_copies_move_with_the_layout(objective: Objective) -> None:
     two = replace(objective, targets=[*objective.targets] * 2)
     space = replace(space, start_pressures=np.array([[200e3, 90e3], [50e3, 250e3]]))
     x = space.encode(space.design, space.start_pressures)
-    copies = Copies(STUDY, ROBUST, two, FORWARD, space)
+    copies = Copies(scattering(two, FORWARD), space)
     [shape] = copies.shapes([x])
     assert len(shape) == 2 * COPIES
     jacobians = FORWARD.faces_jacobian
@@ -76,19 +76,20 @@ def test_copies_move_with_the_layout(objective: Objective) -> None:
 
 def test_the_mean_of_copies_goes_down(objective: Objective) -> None:
     start = start_of(*TWO)
-    copies = Copies(STUDY, ROBUST, objective, FORWARD, start[0])
-    space, x = descend(STUDY, ROBUST, start, objective, FORWARD)
+    how = scattering(objective, FORWARD)
+    copies = Copies(how, start[0])
+    space, x = descend(how, start)
     before, after = (copies.together.value(shape) for shape in copies.shapes([start[1], x]))
     assert after < 0.97 * before
     values = []
     for one in (start[1], x):  # and of other copies
-        scatter = Scatter(STUDY, ROBUST, *space.decode(one))
+        scatter = Scatter(how, *space.decode(one))
         zs = np.random.default_rng(9).standard_normal((200, scatter.size))
-        values.append(np.mean([objective.value(shape) for shape in scatter.shapes(objective, FORWARD, [*zs])]))
+        values.append(np.mean([objective.value(shape) for shape in scatter.shapes(zs)]))
     assert values[1] < 0.99 * values[0]
     still = forward_model(AnalyticCloth(11), None)  # without derivatives
-    assert descend(STUDY, ROBUST, start, objective, still) is start
-    assert descend(STUDY, ROBUST, start, objective, FORWARD, going=lambda: False)[1] is start[1]
+    assert descend(scattering(objective, still), start) is start
+    assert descend(how, start, going=lambda: False)[1] is start[1]
 
 
 def test_a_muscle_becomes_two_beside_each_other() -> None:
@@ -107,22 +108,22 @@ def test_a_muscle_becomes_two_beside_each_other() -> None:
 
 @pytest.mark.parametrize("choose", ["expected", "yield"])
 def test_muscles_are_doubled_while_that_gains(wide: Objective, choose: str) -> None:
-    robust = replace(ROBUST, choose=choose)
+    how = replace(scattering(wide, FORWARD, replace(ROBUST, choose=choose)), study=MANY)
 
     def found(price: float, most: int) -> MoreRobust:
         study = replace(MANY, muscles=MuscleChoice(1, most), price=Price(muscle=price))
-        return more_robust(study, robust, start_of(*ONE), wide, FORWARD, tolerance=0.0007)
+        return more_robust(replace(how, study=study), start_of(*ONE), tolerance=0.0007)
 
     one, more, dear = found(0.0, 1), found(0.0, 2), found(1.0, 2)
     assert one.muscles == dear.muscles == 1 and one.doubled == dear.doubled == 0
     assert more.muscles == 2 and more.doubled == 1
     assert more.expected < 0.98 * one.expected
     assert choose == "expected" or more.yielded >= one.yielded + YIELD_GAIN
-    cut = more_robust(MANY, robust, start_of(*ONE), wide, FORWARD, tolerance=0.0007, going=lambda: False)
+    cut = more_robust(how, start_of(*ONE), tolerance=0.0007, going=lambda: False)
     assert cut.muscles == 1
     early = replace(wide, targets=[replace(wide.targets[0], time=0.2)])
     start = start_of(*ONE)
-    assert more_robust(MANY, robust, start, early, FORWARD, tolerance=0.0007).start is start
+    assert more_robust(replace(how, objective=early), start, tolerance=0.0007).start is start
 
 
 def test_a_study_says_that_muscles_were_doubled_and_does_not_search_twice(
@@ -146,11 +147,11 @@ def test_derivatives_leave_out_forces_against_motion(objective: Objective) -> No
     """The shape is the whole model's, its slopes those of the model without drag."""
     drag = EffectTerm("air_drag", {"coefficient": Quantity(2.0, "N s^2/m^4")}, "rig")
     scatters = [
-        Scatter(replace(STUDY, model=model), ROBUST, ONE[0], np.array([[200e3]]))
+        Scatter(scattering(objective, FORWARD, model=model), ONE[0], np.array([[200e3]]))
         for model in (Model(effects=(drag,)), Model())
     ]
     assert [scatter.resists for scatter in scatters] == [True, False]
-    assert scatters[0].case(objective, 0).effects == ()
+    assert scatters[0].how.case(0, scatters[0].copy(np.zeros(scatters[0].size))).effects == ()
     assert scatters[0].copy(np.zeros(scatters[0].size))[2].effects == (drag,)
-    found, bare = (linear(scatter, objective, FORWARD).model for scatter in scatters)
+    found, bare = (scatter.linear()[0] for scatter in scatters)
     np.testing.assert_array_equal(found.slopes, bare.slopes)

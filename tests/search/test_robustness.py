@@ -16,6 +16,7 @@ from fabdesign.nouns.column import Column, FacesJacobian
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, Model, Parameter
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Robust, TargetFile
 from optimize.search.design_space import DesignSpace, Limits
@@ -23,7 +24,7 @@ from optimize.search.objective import Objective, Target
 from optimize.search.starts import Start
 from studies.layouts.robustness import first_order, most_robust, robustness_of
 from studies.layouts.run import run_study
-from studies.layouts.scatter import Scatter, linear
+from studies.layouts.scatter import Scatter, Scattering
 from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
@@ -47,11 +48,21 @@ def start_of(design: Design, kpa: list[float]) -> Start:
     return space, space.encode(design, space.start_pressures)
 
 
+def layouts(starts: list[Start]) -> list[tuple[Design, np.ndarray]]:
+    return [space.decode(x) for space, x in starts]
+
+
 ONE = with_muscles("front"), [200.0]
 # the back takes away what the front has too much: the same shape, of larger forces
 SHARE = float(np.tanh(380 / 250) ** 2 - np.tanh(200 / 250) ** 2)
 TWO = with_muscles("front", "back"), [380.0, 250 * float(np.arctanh(np.sqrt(SHARE)))]
 STUDY = Study("s", ONE[0], (), robust=ROBUST)
+
+
+def scattering(
+    objective: Objective, forward: Predictor = FORWARD, robust: Robust = ROBUST, **study: object
+) -> Scattering:
+    return Scattering(replace(STUDY, **study), robust, objective, forward)
 
 
 @pytest.fixture(scope="module")
@@ -61,24 +72,24 @@ def objective() -> Objective:
 
 
 def test_a_muscle_off_its_place_is_that_very_design(objective: Objective) -> None:
-    scatter = Scatter(STUDY, ROBUST, ONE[0], np.array([[200e3]]))
+    scatter = Scatter(scattering(objective), ONE[0], np.array([[200e3]]))
     assert scatter.size == 4 + 1 + 1  # two corners, a channel, a muscle
     moved = replace(ONE[0].muscles[0], path=((0.103, 0.03), (0.103, 0.17)))
-    [shape, nominal] = scatter.shapes(objective, FORWARD, [scatter.shifted(0, (1, 0), 0.003), np.zeros(6)])
-    wanted = objective.shapes(FORWARD, [start_of(replace(ONE[0], muscles=(moved,)), [200.0]), start_of(*ONE)])
+    [shape, nominal] = scatter.shapes([scatter.shifted(0, (1, 0), 0.003), np.zeros(6)])
+    wanted = objective.shapes(FORWARD, layouts([start_of(replace(ONE[0], muscles=(moved,)), [200.0]), start_of(*ONE)]))
     np.testing.assert_allclose([shape, nominal], wanted, atol=1e-7)
     stronger = np.zeros(6)
     stronger[4], stronger[5] = 1.0, -1.0  # pressure 5 % up, gain 4 % down
-    [shape] = scatter.shapes(objective, FORWARD, [stronger])
-    [wanted] = objective.shapes(FORWARD, [start_of(ONE[0], [200 * 1.05 * 0.96])])
+    [shape] = scatter.shapes([stronger])
+    [wanted] = objective.shapes(FORWARD, layouts([start_of(ONE[0], [200 * 1.05 * 0.96])]))
     np.testing.assert_allclose(shape, wanted, atol=1e-7)
 
 
 def test_derivatives_say_what_a_batch_of_copies_shows(objective: Objective) -> None:
-    found = robustness_of(STUDY, ROBUST, (ONE[0], np.array([[200e3]])), objective, FORWARD, FORWARD, nominal=0.008)
-    scatter = Scatter(STUDY, ROBUST, ONE[0], np.array([[200e3]]))
+    found = robustness_of(scattering(objective), (ONE[0], np.array([[200e3]])), FORWARD, nominal=0.008)
+    scatter = Scatter(scattering(objective), ONE[0], np.array([[200e3]]))
     zs = np.random.default_rng(5).standard_normal((200, scatter.size))
-    values = [objective.value(shape) for shape in scatter.shapes(objective, FORWARD, list(zs))]
+    values = [objective.value(shape) for shape in scatter.shapes(list(zs))]
     assert found.expected_linear == pytest.approx(np.mean(values), rel=0.05)
     assert found.expected == pytest.approx(np.mean(values), rel=0.15)
     assert found.worst > found.expected > found.nominal
@@ -92,13 +103,13 @@ def test_derivatives_say_what_a_batch_of_copies_shows(objective: Objective) -> N
 def test_of_equal_shapes_the_one_of_smaller_forces_is_chosen(objective: Objective, choose: str) -> None:
     robust = replace(ROBUST, choose=choose)
     points = [start_of(*TWO), start_of(*ONE)]
-    [two, one] = objective.shapes(FORWARD, points)
+    [two, one] = objective.shapes(FORWARD, layouts(points))
     np.testing.assert_allclose(one, two, atol=1e-5)
-    assert most_robust(STUDY, robust, points, objective, FORWARD) == 1
+    assert most_robust(scattering(objective, robust=robust), points) == 1
     scores = []
     for space, x in points:
-        scatter = Scatter(STUDY, robust, *space.decode(x))
-        scores.append(first_order(scatter, linear(scatter, objective, FORWARD).model, objective, 0.010, seed=1))
+        scatter = Scatter(scattering(objective, robust=robust), *space.decode(x))
+        scores.append(first_order(scatter, scatter.linear()[0], 0.010))
     assert scores[1][0] < scores[0][0]
     assert scores[1][1] > scores[0][1] + 0.2
 
@@ -107,8 +118,8 @@ def test_the_muscle_that_pulls_is_the_delicate_one(objective: Objective) -> None
     idle = replace(ONE[0].muscles[0], channel=0, path=((0.03, 0.03), (0.03, 0.17)))
     pulls = replace(ONE[0].muscles[0], channel=1)
     design = replace(ONE[0], muscles=(idle, pulls))
-    study, robust = STUDY, replace(ROBUST, copies=8)
-    found = robustness_of(study, robust, (design, np.array([[0.0, 200e3]])), objective, FORWARD, FORWARD, nominal=0.008)
+    how = scattering(objective, robust=replace(ROBUST, copies=8))
+    found = robustness_of(how, (design, np.array([[0.0, 200e3]])), FORWARD, nominal=0.008)
     assert found.delicate[0] == 1  # from 0, as in files
     assert found.delicate[1] > found.nominal
 
@@ -136,15 +147,15 @@ def test_near_a_fold_copies_stand_in_place_of_derivatives(objective: Objective, 
     # derivatives would choose the two muscles, whose copies are the worse ones (above)
     points = [start_of(*TWO), start_of(*ONE)]
     scores = []
+    how = scattering(objective, forward)
     for space, x in points:
-        scatter = Scatter(STUDY, ROBUST, *space.decode(x))
-        model = linear(scatter, objective, forward).model
-        scores.append(first_order(scatter, model, objective, 0.010, seed=1)[0])
+        scatter = Scatter(how, *space.decode(x))
+        scores.append(first_order(scatter, scatter.linear()[0], 0.010)[0])
     assert scores[1] > 1.5 * scores[0]
-    assert most_robust(STUDY, ROBUST, points, objective, forward) == 1
+    assert most_robust(how, points) == 1
     result = ONE[0], np.array([[200e3]])
-    found = robustness_of(STUDY, ROBUST, result, objective, forward, forward, nominal=0.008)
-    true = robustness_of(STUDY, ROBUST, result, objective, FORWARD, FORWARD, nominal=0.008)
+    found = robustness_of(how, result, forward, nominal=0.008)
+    true = robustness_of(scattering(objective), result, FORWARD, nominal=0.008)
     assert not found.holds and true.holds
     assert found.expected_linear > 1.5 * found.expected == 1.5 * true.expected
     assert found.on_another_branch == true.on_another_branch == 0
@@ -169,15 +180,15 @@ def test_the_models_covariance_scatters_too(objective: Objective) -> None:
         {"bending": Parameter(1.2), "membrane": Parameter(0.9)},
         covariance=Covariance(("bending", "membrane"), np.array([[0.01, 0.0], [0.0, 0.0004]])),
     )
-    study, simulator = replace(STUDY, model=model), Recording()
-    scatter = Scatter(study, ROBUST, ONE[0], np.array([[200e3]]))
+    how = scattering(objective, forward_model(simulator := Recording(), model), model=model)
+    scatter = Scatter(how, ONE[0], np.array([[200e3]]))
     assert scatter.size == 6 + 2
     z = np.zeros((2, 8))
     z[1, 6] = 1.0
-    scatter.shapes(objective, forward_model(simulator, model), list(z))
+    scatter.shapes(list(z))
     assert simulator.factors[0] == pytest.approx({"bending": 1.2, "membrane": 0.9})
     assert simulator.factors[1] == pytest.approx({"bending": 1.2 * np.exp(0.1), "membrane": 0.9})
-    assert Scatter(study, replace(ROBUST, covariance=False), ONE[0], np.array([[200e3]])).size == 6
+    assert Scatter(replace(how, robust=replace(ROBUST, covariance=False)), ONE[0], np.array([[200e3]])).size == 6
 
 
 def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> None:
@@ -197,13 +208,15 @@ def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> Non
 def test_derivatives_of_the_forward_model_are_those_of_copies(objective: Objective) -> None:
     bent = replace(ONE[0].muscles[0], channel=0, path=((0.06, 0.03), (0.08, 0.09), (0.07, 0.17)))
     design = replace(ONE[0], muscles=(*ONE[0].muscles, bent))  # two muscles on one channel
-    scatter = Scatter(STUDY, ROBUST, design, np.array([[200e3]]))
-    offered, plain = forward_model(WithJacobian(11), None), forward_model(AnalyticCloth(11), None)
-    found = linear(scatter, objective, offered).model
+    offered, scatter = (
+        Scatter(scattering(objective, forward_model(cloth, None)), design, np.array([[200e3]]))
+        for cloth in (WithJacobian(11), AnalyticCloth(11))
+    )
+    found = offered.linear()[0]
     assert len(scatter.columns) == scatter.size == len(found.slopes)
-    np.testing.assert_allclose(found.shape, linear(scatter, objective, plain).model.shape, atol=1e-7)
+    np.testing.assert_allclose(found.shape, scatter.linear()[0].shape, atol=1e-7)
     for z, slope in zip(0.1 * np.eye(scatter.size), found.slopes, strict=True):
-        low, high = scatter.shapes(objective, plain, [-z, z])
+        low, high = scatter.shapes([-z, z])
         assert np.abs((high - low) / 0.2 - slope).max() < 0.05 * np.abs(slope).max() + 2e-6
 
 
@@ -212,8 +225,8 @@ def test_derivatives_of_the_models_covariance_are_those_of_copies(objective: Obj
         {"muscle_gain": Parameter(1.2), "bending": Parameter(0.9)},
         covariance=Covariance(("muscle_gain", "bending"), np.array([[0.01, 0.004], [0.004, 0.04]])),
     )
-    scatter = Scatter(replace(STUDY, model=model), ROBUST, ONE[0], np.array([[200e3]]))
-    case = scatter.case(objective, 0)
+    scatter = Scatter(scattering(objective, model=model), ONE[0], np.array([[200e3]]))
+    case = scatter.how.case(0, scatter.copy(np.zeros(scatter.size)))
     assert case.factors == pytest.approx({"muscle_gain": 1.2, "bending": 0.9})
     moved = scatter.columns[-2].moved(case, 1.0).factors
     assert moved == pytest.approx({"muscle_gain": 1.2 * np.exp(0.1), "bending": 0.9 * np.exp(0.04)})

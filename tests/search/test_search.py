@@ -11,7 +11,7 @@ import pytest
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime.fingerprint import OtherContent
-from fabdesign.study_files.study_file import MeasureName
+from fabdesign.study_files.study_file import MeasureName, MuscleChoice
 from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations, Stop
@@ -30,7 +30,7 @@ NOISE = 6e-4  # m
 
 def target_of(pressures: np.ndarray) -> Target:
     shape = Objective([Target(np.zeros((1, 3)), 1.5)]).shapes(
-        AnalyticCloth(), [(SPACE, SPACE.encode(DESIGN, pressures))]
+        AnalyticCloth(), [SPACE.decode(SPACE.encode(DESIGN, pressures))]
     )[0][0]
     shape = shape[::4]  # fewer points make every distance cheaper
     return Target(shape + np.random.default_rng(7).normal(0, NOISE, shape.shape), 1.5)
@@ -82,8 +82,8 @@ def test_pressures_are_recovered_from_a_noisy_cloud(measure: MeasureName, share:
 def test_a_layout_comes_as_close_as_the_one_that_made_the_target() -> None:
     target = target_of(TRUTH)
     objective = Objective([target])
-    truth = objective.value(objective.shapes(AnalyticCloth(), [(SPACE, SPACE.encode(DESIGN, TRUTH))])[0])
-    starts = layout_starts(DESIGN, Limits(), 1, counts=range(1, 4), sides=("front", "back"), number=40, seed=2)
+    truth = objective.value(objective.shapes(AnalyticCloth(), [SPACE.decode(SPACE.encode(DESIGN, TRUTH))])[0])
+    starts = layout_starts(DESIGN, Limits(), 1, MuscleChoice(1, 3), number=40, seed=2)
     model = AnalyticCloth(21)
     stages = [
         Stage("pressures", model, keep=8, rounds=2),

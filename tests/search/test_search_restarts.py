@@ -52,13 +52,13 @@ def _paths(muscles: Sequence[Muscle]) -> np.ndarray:
 def test_variations_keep_the_limits_and_differ() -> None:
     space = DesignSpace(build("basic"), LIMITS, np.full((2, 8), 300e3), vary_positions=True)
     x = space.encode(space.design, space.start_pressures)
-    found = variations((space, x), counts=range(6, 10), sides=("front", "back"), number=40, seed=3)
+    found = variations((space, x), MuscleChoice(6, 9, corners=0), number=40, seed=3)
     assert len(found) > 30
     assert all(own.feasible(y) for own, y in found)
     assert {len(own.design.muscles) for own, _ in found} >= {7, 8, 9}
     same = [len(own.design.muscles) == 8 and np.allclose(y, x) for own, y in found]
     assert sum(same) < len(found) / 4
-    again = variations((space, x), counts=range(6, 10), sides=("front", "back"), number=40, seed=3)
+    again = variations((space, x), MuscleChoice(6, 9, corners=0), number=40, seed=3)
     assert all(np.array_equal(a[1], b[1]) for a, b in zip(found, again, strict=True))
 
 
@@ -77,10 +77,10 @@ def test_muscles_get_corners_and_lose_them() -> None:
     straight = straightened((bent, x))
     assert straight is not None
     np.testing.assert_allclose(straight[1], best[1], atol=1e-9)
-    drawn = variations(best, counts=range(3, 4), sides=("front",), number=40, seed=1, corners=1)
+    drawn = variations(best, MuscleChoice(3, 3, ("front",)), number=40, seed=1)
     assert {len(m.path) for own, _ in drawn for m in own.design.muscles} == {2, 3}
     assert all(own.feasible(y) for own, y in drawn)
-    few = variations((bent, x), counts=range(3, 4), sides=("front",), number=40, seed=1)
+    few = variations((bent, x), MuscleChoice(3, 3, ("front",), corners=0), number=40, seed=1)
     assert any(len(m.path) == 2 for own, _ in few for m in own.design.muscles)
 
 

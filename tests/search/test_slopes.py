@@ -18,12 +18,12 @@ from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
+from optimize.search.local_search import LinearShape
 from optimize.search.margins import Limits
 from optimize.search.multistart import search
 from optimize.search.objective import Objective, Target
 from optimize.search.slopes import jacobians_for, slopes_of
 from optimize.search.starts import pressure_starts
-from optimize.search.step import LinearShape
 from sim import Simulator
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
@@ -50,7 +50,7 @@ def of_two_layouts() -> list[tuple[DesignSpace, Vector]]:
 def differenced(objective: Objective, forward: AnalyticCloth | Predictor, space: DesignSpace, x: Vector, by: float):
     """(n, poses, 2 n, 3) m, central where there is room."""
     low, high = np.maximum(x - by * np.eye(len(x)), 0.0), np.minimum(x + by * np.eye(len(x)), 1.0)
-    shapes = objective.shapes(forward, [(space, row) for row in (*low, *high)])
+    shapes = objective.shapes(forward, [space.decode(row) for row in (*low, *high)])
     widths = (high - low).sum(axis=1)[:, None, None, None]
     return (np.array(shapes[len(x) :]) - np.array(shapes[: len(x)])) / widths
 
@@ -66,7 +66,7 @@ def test_slopes_are_those_of_every_variable_in_every_pose() -> None:
     points = of_two_layouts()
     found = slopes_of(forward.faces_jacobian, objective, points)
     assert forward.asked == 2  # both layouts together, a batch for each pose
-    shapes = objective.shapes(forward, points)
+    shapes = objective.shapes(forward, [space.decode(x) for space, x in points])
     for (space, x), slopes, shape in zip(points, found, shapes, strict=True):
         np.testing.assert_allclose(slopes.shape, shape, atol=1e-7)
         wanted = differenced(objective, forward, space, x, 1e-3)
@@ -109,7 +109,7 @@ def test_what_lies_on_top_is_in_the_slopes() -> None:
     jacobians = jacobians_for(forward, objective)
     assert jacobians is not None
     [found] = slopes_of(jacobians, objective, [(space, x)])
-    np.testing.assert_allclose(found.shape, objective.shapes(forward, [(space, x)])[0], atol=1e-7)
+    np.testing.assert_allclose(found.shape, objective.shapes(forward, [space.decode(x)])[0], atol=1e-7)
     wanted = differenced(objective, forward, space, x, 2e-3)
     bare = differenced(objective, AnalyticCloth(21), space, x, 2e-3)
     assert off(found.by_variable, wanted).max() < 0.03
@@ -123,7 +123,7 @@ SPACE = DesignSpace(DESIGN, Limits(), np.full((1, 3), 200e3))
 def searched(forward: AnalyticCloth, *, time: float | None = None, at_rest: bool = False) -> tuple[float, int]:
     """m that a search of pressures ends at, and its evaluations."""
     bare = Objective([Target(np.zeros((1, 3)), time)])
-    [[shape]] = bare.shapes(AnalyticCloth(), [(SPACE, SPACE.encode(DESIGN, TRUTH))])
+    [[shape]] = bare.shapes(AnalyticCloth(), [SPACE.decode(SPACE.encode(DESIGN, TRUTH))])
     target = Target(shape[::4] + np.random.default_rng(7).normal(0, 6e-4, shape[::4].shape), time)
     with History(":memory:", "a") as history:
         run = Evaluations(
@@ -183,7 +183,7 @@ class Killed(WithJacobian):
 
 def run_in(file: Path, forward: WithJacobian) -> tuple[float, list[float], list[tuple[float, ...]]]:
     """Search with what the file keeps: the best value, where it is, and all points that were asked for."""
-    [[shape]] = Objective([ANY]).shapes(AnalyticCloth(), [(SPACE, SPACE.encode(DESIGN, TRUTH))])
+    [[shape]] = Objective([ANY]).shapes(AnalyticCloth(), [SPACE.decode(SPACE.encode(DESIGN, TRUTH))])
     stages, starts = [Stage("first", forward, keep=2, rounds=9)], pressure_starts(SPACE, 4, seed=1)
     with History(file, "a") as history:
         run = Evaluations(Objective([Target(shape[::4])]), starts, stages, history, seconds=600.0, evaluations=20_000)
@@ -250,7 +250,7 @@ def test_the_simulators_slopes_follow_its_differences(simulator: Simulator) -> N
     jacobians = jacobians_for(Predictor(simulator), objective)
     assert jacobians is not None
     [found] = slopes_of(jacobians, objective, [(space, x)])
-    [shape] = objective.shapes(simulator, [(space, x)])
+    [shape] = objective.shapes(simulator, [space.decode(x)])
     assert np.abs(found.shape - shape).max() < 2e-4  # the forces balance closer than a damped motion leaves them
     wanted = differenced(objective, simulator, space, x, 0.01)
     assert np.median(off(found.by_variable, wanted)) < 0.05
