@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from corrector.layout import NODES, deposits, intervals_of
 from corrector.shape import LocalFrames
-from fabdesign.geometry.shape import Shape
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
@@ -25,28 +25,6 @@ _LAGS = (0.05, 0.2)  # s, of a first-order lag that the pressure may have
 _FORCE, _PRESSURE, _CONTRACTION, _RATE, _SPEED, _LENGTH = 10.0, 400e3, 0.1, 0.5, 0.5, 0.1  # N, Pa, 1, 1/s, m/s, m
 _STRAIN = 0.05
 _SLIDING = 2e-3  # of contraction within the shortest span: more counts as a direction
-
-MUSCLE = (
-    "presence",
-    "tension",
-    "pressure",
-    "contraction",
-    "contraction rate",
-    "contraction since 0.3 s",
-    "pressure that a lag of 0.05 s holds back",
-    "pressure that a lag of 0.2 s holds back",
-    "pressure towards the path's end",
-    "pressure squared",
-    "pressure times contraction",
-    "contraction squared",
-    "root of pressure",
-    "under pressure",
-    "pressure cubed",
-    "pressure squared times contraction",
-    "contraction, where shortened",
-    "place along the path",
-    "pressure, signed by the rate's direction",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,74 +41,72 @@ class Fields:
     since: Array  # (2, T) of the last step of pressure: exp(-t / 0.1 s) and exp(-t / 0.4 s)
 
 
-@dataclass(frozen=True, eq=False)
-class MuscleFields:
-    """The fields that are the same in every frame of a design."""
+def _kinds(pressure: Array, tension: Array, contraction: Array, lagging: Array, along: Array) -> dict[str, Array]:
+    """Return (T, intervals) of each kind of field. pressure: (T, intervals) Pa, lagging: (2, T, intervals) Pa that the
+    lags hold back of it, tension: N, contraction: (1 + H, T, intervals), along: (intervals,) from -1 to 1."""
+    p, short = pressure / _PRESSURE, contraction[0] / _CONTRACTION
+    change = contraction[0] - contraction[1]
+    return {
+        "presence": np.ones_like(p),
+        "tension": tension / _FORCE,
+        "pressure": p,
+        "contraction": short,
+        "contraction rate": change / HISTORY[0] / _RATE,
+        "contraction since 0.3 s": (contraction[0] - contraction[3]) / _CONTRACTION,
+        "pressure that a lag of 0.05 s holds back": lagging[0] / _PRESSURE,
+        "pressure that a lag of 0.2 s holds back": lagging[1] / _PRESSURE,
+        "pressure towards the path's end": p * along,
+        "pressure squared": p**2,
+        "pressure times contraction": p * short,
+        "contraction squared": short**2,
+        "root of pressure": np.sqrt(p),
+        "under pressure": p > 0,
+        "pressure cubed": p**3,
+        "pressure squared times contraction": p**2 * short,
+        "contraction, where shortened": np.maximum(short, 0),
+        "place along the path": np.broadcast_to(along, p.shape),
+        "pressure, signed by the rate's direction": p * np.tanh(change / _SLIDING),
+    }
 
-    design: Design
-    deposits: Array  # (2, intervals, 3, n, n)
-    laws: dict[str, MuscleLaw]
 
-    @staticmethod
-    def of(design: Design) -> "MuscleFields":
-        laws = {name: law_of(design.muscle_types[name].bench) for name in {m.type for m in design.muscles}}
-        return MuscleFields(design, deposits(design), laws)
+MUSCLE = tuple(_kinds(*(np.zeros(shape) for shape in ((0, 0), (0, 0), (1 + len(HISTORY), 0, 0), (2, 0, 0), 0))))
 
 
-def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np.floating]) -> Fields:
+def fields_of(case: Case, times: Array, motion: NDArray[np.floating]) -> Fields:
     """Return the fields of a case at `times` (T,) s.
 
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
     """
     middle = Shape(motion).middle.astype(np.float32)
     common = _shape_fields(case.design.fabric, middle) | _common(case, times)
-    return Fields(muscles=_muscle_fields(case, layout, times, middle), **common)
+    return Fields(muscles=_muscle_fields(case, times, middle), **common)
 
 
-def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArray[np.float32]) -> Array:
+def laws_of(design: Design) -> dict[str, MuscleLaw]:
+    """Return the laws of the design's muscles, by type."""
+    return {name: law_of(design.muscle_types[name].bench) for name in {m.type for m in design.muscles}}
+
+
+def _muscle_fields(case: Case, times: Array, middle: NDArray[np.float32]) -> Array:
     design = case.design
     intervals = intervals_of(design)
-    nodes = layout.deposits.shape[-1]
     if not intervals:
-        return np.zeros((len(times), 2, len(MUSCLE), 3, nodes, nodes))
+        return np.zeros((len(times), 2, len(MUSCLE), 3, NODES, NODES))
     contraction = _contractions(case, middle)  # (1 + H, T, intervals)
     channel = np.array([design.muscles[i.muscle].channel for i in intervals])
     pressure = case.program.at(times)[:, channel]
-    lagging = [pressure - lagged(case.program, times, lag)[:, channel] for lag in _LAGS]
+    lagging = np.array([pressure - lagged(case.program, times, lag)[:, channel] for lag in _LAGS])
     tension = np.empty_like(pressure)
     types = np.array([design.muscles[i.muscle].type for i in intervals])
-    for name, law in layout.laws.items():
+    for name, law in laws_of(design).items():
         of_type = types == name
         idle = law.tension(0.0, contraction[0][:, of_type])
         tension[:, of_type] = idle + _factor(case, name, "muscle_gain") * (
             law.tension(pressure[:, of_type], contraction[0][:, of_type]) - idle
         )
-    p, short = pressure / _PRESSURE, contraction[0] / _CONTRACTION
     along = 2 * np.array([i.along for i in intervals]) - 1
-    values = np.stack(
-        [
-            np.ones_like(p),
-            tension / _FORCE,
-            p,
-            short,
-            (contraction[0] - contraction[1]) / HISTORY[0] / _RATE,
-            (contraction[0] - contraction[3]) / _CONTRACTION,
-            lagging[0] / _PRESSURE,
-            lagging[1] / _PRESSURE,
-            p * along,
-            p**2,
-            p * short,
-            short**2,
-            np.sqrt(p),
-            p > 0,
-            p**3,
-            p**2 * short,
-            np.maximum(short, 0),
-            np.broadcast_to(along, p.shape),
-            p * np.tanh((contraction[0] - contraction[1]) / _SLIDING),
-        ]
-    )  # (kinds, T, intervals)
-    return np.asarray(np.einsum("kti,sicab->tskcab", values, layout.deposits, optimize=True))
+    values = np.stack([*_kinds(pressure, tension, contraction, lagging, along).values()])
+    return np.asarray(np.einsum("kti,sicab->tskcab", values, deposits(design), optimize=True))
 
 
 def _factor(case: Case, muscle_type: str, name: str) -> float:
@@ -139,23 +115,15 @@ def _factor(case: Case, muscle_type: str, name: str) -> float:
 
 def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
     """Return (1 + H, T, intervals), 1 - l / l0, of muscles that lie their axis offset off the mid-surface."""
-    design, side = case.design, middle.shape[-2]
-    fabric = design.fabric
-    normal = LocalFrames.of(middle, fabric.width, fabric.height, side).normal
+    design, fabric = case.design, case.design.fabric
+    normal = LocalFrames.of(middle, fabric.width, fabric.height, middle.shape[-2]).normal
     result = []
     for muscle in design.muscles:
         offset = design.muscle_types[muscle.type].axis_offset * (1 if muscle.side == "front" else -1)
         offset *= _factor(case, muscle.type, "axis_offset")
         fixed = muscle.fixed_points()
-        x = np.clip(fixed / (fabric.width, fabric.height), 0, 1) * (side - 1)
-        first = np.minimum(x.astype(int), side - 2)
-        u, v = (x - first).T[:, :, None]
-        (col, row) = first.T
-        place = 0.0
-        for r, c, weight in ((0, 0, (1 - u) * (1 - v)), (0, 1, u * (1 - v)), (1, 0, (1 - u) * v), (1, 1, u * v)):
-            at = middle[..., row + r, col + c, :] + offset * normal[..., row + r, col + c, :]
-            place = place + weight * at
-        length = np.linalg.norm(np.diff(place, axis=-2), axis=-1)
+        axis = at_places(middle + offset * normal, np.clip(fixed / (fabric.width, fabric.height), 0, 1))
+        length = np.linalg.norm(np.diff(axis, axis=-2), axis=-1)
         result.append(1 - length / np.linalg.norm(np.diff(fixed, axis=0), axis=1))
     return np.concatenate(result, axis=-1)
 
@@ -164,7 +132,7 @@ def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> dict[str, Arra
     """Return `Fields.curvature`, `strain`, `changes`, `speeds`."""
     frames = LocalFrames.of(middle, fabric.width, fabric.height, NODES)
     curvature = np.moveaxis(_curvatures(frames, fabric), -1, 2).astype(np.float64)  # (1 + H, T, 3, n, n)
-    size_u, size_v = (np.linalg.norm(x[0], axis=-1) for x in (frames.across, frames.down))
+    size_u, size_v = (size[0, ..., 0] for size in frames.sizes)
     shear = np.einsum("...i,...i->...", frames.across[0], frames.down[0]) / (size_u * size_v)
     strain = np.stack([size_u - 1, size_v - 1, shear], axis=1) / _STRAIN
     every = (middle.shape[-2] - 1) // (NODES - 1)

@@ -3,13 +3,14 @@ muscles lie, in which direction and on which side, and of what all is made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
+from fabdesign.geometry.shape import bilinear
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import MuscleType
@@ -68,15 +69,10 @@ def deposits(design: Design, nodes: int = NODES) -> Array:
 
 def _around(at: Array, size: Array, nodes: int) -> Array:
     """Return (n, nodes, nodes): sums of the bilinear weights of points (n, k, 2) [m] of a cloth of `size` (2,) m."""
-    x = np.clip(at / size, 0, 1) * (nodes - 1)
-    first = np.minimum(x.astype(int), nodes - 2)
-    u, v = np.moveaxis(x - first, -1, 0)
-    of = np.arange(len(at))[:, None]
-    result = np.zeros((len(at), nodes, nodes))
-    for right, down in product((0, 1), repeat=2):
-        weight = (u if right else 1 - u) * (v if down else 1 - v)
-        np.add.at(result, (of, first[..., 1] + down, first[..., 0] + right), weight)
-    return result
+    points, weights = bilinear((np.clip(at / size, 0, 1) * (nodes - 1)).reshape(-1, 2), nodes, nodes)
+    result = np.zeros((len(at), nodes**2))
+    np.add.at(result, (np.repeat(np.arange(len(at)), at.shape[1]), points.T), weights.T)
+    return result.reshape(-1, nodes, nodes)
 
 
 FAR = 1e9  # of a design that is held in another way

@@ -41,9 +41,7 @@ class PaperTraining:
         """Return full size where there is a GPU; else one for two cores, which rig_a takes within an hour."""
         if torch.cuda.is_available():
             return PaperTraining(seed=seed)
-        return PaperTraining(
-            points=512, targets=256, code=128, every=6, epochs=(60, 60), rates=(1e-3, 1e-3), batch=16, seed=seed
-        )
+        return PaperTraining(512, 256, code=128, every=6, epochs=(60, 60), rates=(1e-3, 1e-3), seed=seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +63,10 @@ def train_paper(
     """Return the weights. Checkpoints lie in `folder`, as paper-PART.pt; what is there is gone on from."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     rng = np.random.default_rng(plan.seed)
-    check = set(rng.permutation(len(trials))[: max(round(_VALIDATED * len(trials)), 1)].tolist())
-    if len(trials) == 1:
-        check = set()
+    checks = max(round(_VALIDATED * len(trials)), 1) if len(trials) > 1 else 0
+    check = set(rng.permutation(len(trials))[:checks].tolist())
     torch.manual_seed(plan.seed)
-    parts = {"simulated": Autoencoder(plan.code), "measured": Autoencoder(plan.code)}
-    for part in parts.values():
-        part.to(device)
+    parts = {"simulated": Autoencoder(plan.code).to(device), "measured": Autoencoder(plan.code).to(device)}
     for name, network in parts.items():
         clouds = [
             [np.asarray(c, dtype=np.float32) for c, use in zip(getattr(trial, name), trial.learned, strict=True) if use]

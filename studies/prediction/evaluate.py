@@ -20,7 +20,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.runtime.effort import batches
 from optimize.fit.clouds import Motion
-from studies.intervals.band import IntervalJudge, interval_judges
+from studies.intervals.calibrate import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.used_frames import NONE_USED, UsedFrames, find_used_frames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult

@@ -9,7 +9,7 @@ import numpy as np
 
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.formats.json_file import plain, write_json
-from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.formats.schema import MM, Key
 from fabdesign.geometry.metrics import Closed, Errors, Statistics, beyond_in_words
 from fabdesign.geometry.sensor_noise import SensorNoise
@@ -21,6 +21,8 @@ from studies.measured.used_frames import UsedFrames
 _LEAST_BARS = 12  # trials, of which a histogram says less than their values
 _UNORDERED = "no order, no surface"  # of a model's points
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+_STATES = ("before", "after")
+_INTERVALS = ("interval_inside", "interval_width", "interval_crps")
 ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
 
 
@@ -102,19 +104,15 @@ class SetEvaluation(Tabled):
     def columns(self) -> Columns:
         """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
         [mm]."""
-        rows = self.rows
-        columns: Columns = {"design": [name for name, _ in rows]}
-        for key, name in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
-            columns[key] = [getattr(trial, name) for _, trial in rows]
-        columns["judged"] = [trial.used for _, trial in rows]
-        for when in ("before", "after"):
-            for error in ERRORS:
-                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
-        scores = [trial.intervals for _, trial in rows]
-        if any(scores):
-            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
-                columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
-        return columns
+        return by_name([_row(name, trial) for name, trial in self.rows])
+
+
+def _row(name: str, trial: TrialResult) -> dict[str, Any]:
+    row = {"design": name, "set": trial.set_name, "trial": trial.trial, "order": trial.order, "role": trial.role}
+    row |= {"judged": trial.used} | {
+        f"{error}_{when}": in_mm(getattr(getattr(trial, when), error)) for when in _STATES for error in ERRORS
+    }
+    return row | dict(zip(_INTERVALS, trial.intervals.shown if trial.intervals else (), strict=False))
 
 
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
@@ -208,16 +206,16 @@ def _shown(values: Statistics, trials: int) -> str:
 
 
 def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
-    header = ["set", "design", "trial", "order", "role"]
-    header += [f"{name}_{state}_mm" for state in ("before", "after") for name in ERRORS]
+    errors = [f"{name}_{state}" for state in _STATES for name in ERRORS]
+    header = ["set", "design", "trial", "order", "role", *(f"{name}_mm" for name in errors)]
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
     header += ["interval_inside", "interval_width_mm", "interval_crps_mm"]
     rows = []
     for name, r in evaluation.rows:
-        numbers = [in_mm(getattr(errors, error)) for errors in (r.before, r.after) for error in ERRORS]
-        shown = [f"{x:.6g}" for x in (*numbers, r.before.beyond, r.after.beyond, r.used)]
-        intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
-        rows.append([r.set_name, name, r.trial, r.order, r.role, *shown, *intervals])
+        row = _row(name, r) | {"before": r.before.beyond, "after": r.after.beyond}
+        numbers = [row.get(key) for key in (*errors, "before", "after", "judged", *_INTERVALS)]
+        shown = ["" if x is None else f"{x:.6g}" for x in numbers]
+        rows.append([r.set_name, name, r.trial, r.order, r.role, *shown])
     write_rows(path, header, rows)
 
 

@@ -11,7 +11,6 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
 from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -22,7 +21,7 @@ from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, moved_paths
 from fabdesign.study_files.study_targets import ShapeOutput, read_shape_output
 from fabdesign.units import from_kpa, in_mm
-from studies.layout_search.target import LoadedTarget
+from optimize.search.objective import Objective, Target
 
 JOINT = "covariance"  # the group of all that the model's covariance covers
 WITHIN = 0.90  # of a normal distribution, what Morris' levels span
@@ -139,7 +138,7 @@ class Outputs:
     names: tuple[str, ...]
     fabric: Fabric
     rest: Array
-    target: LoadedTarget | None = None
+    target: Target | None = None
     at: tuple[float, ...] = ()
     functions: Mapping[str, Output] = field(default_factory=dict)
 
@@ -174,23 +173,13 @@ class Outputs:
                     values.append(mean_curvature(points))
                 elif name == "chamfer":
                     assert self.target is not None
-                    values.append(in_mm(_distance(self.target, points)))
+                    values.append(in_mm(Objective((self.target,)).value(points[None])))
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))
         time, lost = np.array(self.at or (0.0,)), not np.isfinite(frames).all()
         values += [np.nan if lost else float(function(time, frames)) for function in self.functions.values()]
         return np.array(values)
-
-
-def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
-    """Return the distance [m]."""
-    if target.landmarks is not None:
-        return target.landmarks.mean(points)
-    target = target.beside(np.asarray(points, float))
-    if target.markers:
-        return distance_to_faces(target.points, points, target.face, target.weighting)
-    return chamfer_to(points, target.face, target.weighting).of(target.points)
 
 
 LEVELS = 4  # of Morris' grid

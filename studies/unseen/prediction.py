@@ -24,7 +24,7 @@ from fabdesign.nouns.pressure import PressureProgram, RigLimits, standard_progra
 from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR
-from studies.intervals.band import shapes_with_error
+from studies.intervals.calibrate import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
 from studies.unseen import result
 
