@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.inputs import MUSCLE, Fields
-from corrector.layout import NODES
 from corrector.shape import (
     FINE,
+    NODES,
     LocalFrames,
-    coarse_slopes,
     put_together,
     refine,
     slopes,
@@ -73,9 +72,8 @@ class Basis:
         ends = np.cumsum([part.shape[1] for part in parts])
         by_curvature, by_strain, straight, twisting, displacements = np.split(coefficients, ends[:-1])
         fabric = case.design.fabric
-        curvature = _fine(np.einsum("tkcij,k->tcij", self.curvature, by_curvature))
-        answer = slopes(fabric, weight_over_stiffness(case), FINE)
-        tilts = (curvature.reshape(len(curvature), -1) @ answer.T).reshape(-1, 2, FINE, FINE)
+        curvature = np.einsum("tkcij,k->tcij", self.curvature, by_curvature).reshape(len(self.swings), -1)
+        tilts = (curvature @ slopes(fabric, weight_over_stiffness(case))).reshape(-1, 2, FINE, FINE)
         swing, twist = self.swings @ straight, self.swings @ twisting
         tilts[:, 1] += swing[:, None, None] + twist[:, None, None] * np.linspace(-1, 1, FINE)
         strain = np.moveaxis(_fine(_STRAIN * np.einsum("tkcij,k->tcij", self.strain, by_strain)), 1, -1)
@@ -87,8 +85,8 @@ class Basis:
     def heights(self, frames: LocalFrames, case: Case) -> NDArray[np.float32]:
         """Return (T, K, FINE, FINE) m along the normal by a unit coefficient of each, to first order."""
         flat = self.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
-        coarse = coarse_slopes(case.design.fabric, weight_over_stiffness(case))
-        by_curvature = (flat @ coarse).reshape(len(self.swings), -1, 2, FINE, FINE)
+        answer = slopes(case.design.fabric, weight_over_stiffness(case)).astype(np.float32)
+        by_curvature = (flat @ answer).reshape(len(self.swings), -1, 2, FINE, FINE)
         straight = np.zeros((*self.swings.shape, 2, FINE, FINE), dtype=np.float32)
         straight[:, :, 1] = self.swings[..., None, None]
         twisting = straight * np.linspace(-1, 1, FINE, dtype=np.float32)

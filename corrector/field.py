@@ -16,8 +16,7 @@ from safetensors.numpy import save
 from scipy.ndimage import uniform_filter
 
 from corrector.basis import Basis, every_function
-from corrector.inputs import HISTORY, fields_of
-from corrector.layout import described, distance
+from corrector.inputs import HISTORY, described, distance, fields_of
 from corrector.shape import FINE, LocalFrames, displaced
 from fabdesign.errors import InputError
 from fabdesign.geometry.shape import Shape
@@ -204,10 +203,14 @@ def coefficients_of(
     return result
 
 
+def errors_of(examples: Sequence[Examples], coefficients: Array | None = None) -> Array:
+    """Return (frames of all,) mm RMS over the nodes of how far the cloth is off along its normal."""
+    return np.concatenate([e.errors(coefficients) for e in examples])
+
+
 def relative_error(examples: Sequence[Examples], coefficients: Array) -> float:
     """Return what is left of the errors before, mean over frames."""
-    before, after = (np.concatenate([e.errors(by) for e in examples]) for by in (None, coefficients))
-    return float(np.mean(after / np.maximum(before, 0.5)))
+    return float(np.mean(errors_of(examples, coefficients) / np.maximum(errors_of(examples), 0.5)))
 
 
 def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], plan: Regression, least: Array) -> float:

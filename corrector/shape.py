@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from corrector.layout import NODES
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import Case
 
+NODES = 11  # a side of the grid on which a corrector sees the cloth
 FINE = 2 * NODES - 1  # nodes a side of the grid on which a corrected cloth is put together
 _EASE = 1e-6  # of the identity, in 1/m^4: a cloth that nothing holds keeps its place
 
@@ -136,9 +136,11 @@ def weight_over_stiffness(case: Case) -> float:
 
 
 @lru_cache(maxsize=16)
-def slopes(fabric: Fabric, ratio: float, n: int) -> Array:
-    """Return (2 n^2, 3 n^2) m: slopes w_u and w_v at n x n nodes from curvatures k_uu, k_vv, k_uv [1/m] at the same
-    nodes, where not only nodes but, of a clamped cloth, their normals too are held. ratio: `weight_over_stiffness`."""
+def slopes(fabric: Fabric, ratio: float) -> Array:
+    """Return (3 NODES^2, 2 FINE^2) m: slopes w_u and w_v at FINE x FINE nodes from curvatures k_uu, k_vv, k_uv [1/m] at
+    NODES x NODES, linear in between. Not only nodes are held but, of a clamped cloth, their normals too. ratio:
+    `weight_over_stiffness`."""
+    n = FINE
     du, dv = fabric.width / (n - 1), fabric.height / (n - 1)
     one = np.eye(n)
     first: Array = np.asarray(np.gradient(one, axis=0))
@@ -157,17 +159,12 @@ def slopes(fabric: Fabric, ratio: float, n: int) -> Array:
     load = np.concatenate([uu.T, vv.T, 2 * uv.T], axis=1)
     w = np.zeros((n * n, 3 * n * n))
     w[free] = np.linalg.solve(energy[np.ix_(free, free)], load[free])
-    result = np.concatenate([np.kron(one, first / du) @ w, np.kron(first / dv, one) @ w])
+    line = interpolation(np.linspace(0, NODES - 1, n), NODES)
+    fine = np.concatenate([np.kron(one, first / du) @ w, np.kron(first / dv, one) @ w])
+    matrix = fine.reshape(-1, 3, n * n) @ np.kron(line, line)
+    result = np.ascontiguousarray(matrix.reshape(2 * n * n, -1).T)
     result.setflags(write=False)
     return result
-
-
-@lru_cache(maxsize=8)
-def coarse_slopes(fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    """Return (3 NODES^2, 2 FINE^2): `slopes` on the fine nodes, from curvatures on the coarse ones."""
-    line = interpolation(np.linspace(0, NODES - 1, FINE), NODES)
-    matrix = slopes(fabric, ratio, FINE).reshape(-1, 3, FINE**2) @ np.kron(line, line)
-    return np.ascontiguousarray(matrix.reshape(2 * FINE**2, -1).T.astype(np.float32))
 
 
 def interpolation(at: Array, count: int) -> Array:

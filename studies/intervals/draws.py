@@ -89,12 +89,7 @@ def drawn_models(model: Model, draws: int = DRAWS) -> list[Model]:
 
 
 def drawn_motions(
-    predictor: Predictor,
-    coarse: ForwardModel,
-    cases: Sequence[Case],
-    times: Sequence[Array],
-    *,
-    draws: int = DRAWS,
+    predictor: Predictor, coarse: ForwardModel, cases: Sequence[Case], times: Sequence[Array], *, draws: int = DRAWS
 ) -> list[list[Motion]]:
     """Return of each case the motions of the drawn models on a cheap simulator. The corrector stays the one trained at
     the centre."""

@@ -35,11 +35,7 @@ Progress = Callable[[Cell, int, int, Evaluations], None]
 
 
 def run_layouts(
-    study: LayoutsStudy | Path | str,
-    out: Path | str,
-    *,
-    progress: Progress = lambda *_: None,
-    **how: Unpack[Simulated],
+    study: LayoutsStudy | Path | str, out: Path | str, *, progress: Progress = lambda *_: None, **how: Unpack[Simulated]
 ) -> GridResult:
     """Search every cell and write `result.json`, `report.html` and `cells/NAME`, what `optimize` writes, into `out`.
 

@@ -245,8 +245,12 @@ def draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
             axis.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.7, label=state)
         axis.set(yticks=[0, 1], yticklabels=[*states], ylim=(1.6, -0.6))
         return
-    shown = histogram(design, error)
-    for state, colour in states.items():
+    draw_bars(axis, histogram(design, error), states)
+
+
+def draw_bars(axis: Any, shown: Mapping[str, Any], colours: Mapping[str, str]) -> None:
+    """Draw a `histogram`, each state in its colour."""
+    for state, colour in colours.items():
         axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
     axis.set_ylabel("trials")
     axis.yaxis.get_major_locator().set_params(integer=True)

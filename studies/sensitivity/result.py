@@ -200,14 +200,6 @@ class SensitivityResult(Tabled):
             texts.append((wide + "to rank parameters by them; more `samples` narrow them.", True))
         return texts
 
-    def spread(self, column: int) -> dict[str, float]:
-        """Return the mean, standard deviation and 90 % interval of an output over independent samples."""
-        samples = self.computed.get("sobol") or self.computed["morris"]
-        sound = samples.outputs[samples.sound][..., column]
-        values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]
-        low, high = np.percentile(values, INTERVAL)
-        return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}
-
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
         none."""
@@ -230,11 +222,17 @@ class SensitivityResult(Tabled):
 
     @cached_property
     def outputs(self) -> dict[str, dict[str, Any]]:
-        """Return the unit of each output, its spread, and its measures by parameter."""
+        """Return the unit of each output, its mean, standard deviation and 90 % interval, and its measures by
+        parameter."""
         return {column.name: self._output(k) for k, column in enumerate(self.watched)}
 
     def _output(self, k: int) -> dict[str, Any]:
-        entry: dict[str, Any] = {"unit": self.watched[k].unit, **self.spread(k)}
+        samples = self.computed.get("sobol") or self.computed["morris"]
+        sound = samples.outputs[samples.sound][..., k]
+        values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]  # those that are independent
+        low, high = np.percentile(values, INTERVAL).tolist()
+        entry: dict[str, Any] = {"unit": self.watched[k].unit, "mean": float(values.mean())}
+        entry |= {"std": float(values.std()), "low90": low, "high90": high}
         names = {"morris": self.inputs.names, "sobol": self.inputs.groups}
         for method, each in self.measures.items():
             if columns := plain(each[k]):

@@ -156,8 +156,8 @@ class _Sweep:
         if tensions and not knows_muscles(forward):
             raise InputError(f"largest_tension: {type(forward).__name__} knows no tensions; expected the simulator")
         self._tensions = WithMuscleStates(forward) if tensions else None
-        bare = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
-        self._forward = replace(forward_model(self._tensions or forward, study.model), model=bare)
+        predictor = forward_model(self._tensions or forward, study.model)
+        self._forward = replace(predictor, model=Model())  # a case brings all of it
         rest, fabric = self._at_rest(), study.design.fabric
         self.outputs = Outputs(study.outputs, fabric, rest, self.target, study.at, study.functions)
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.basis import every_function
-from corrector.field import Examples, Regression, best_penalty, coefficients_of, relative_error
-from corrector.inputs import HISTORY
-from corrector.layout import described, distance
+from corrector.field import Examples, Regression, best_penalty, coefficients_of, errors_of, relative_error
+from corrector.inputs import HISTORY, described, distance
 from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
@@ -82,10 +81,7 @@ class _Unseen(NamedTuple):
 
 
 def _for_unseen(
-    trials: Sequence[Chosen],
-    examples: Sequence[Examples],
-    known: Mapping[str, dict[str, Any]],
-    plan: Regression,
+    trials: Sequence[Chosen], examples: Sequence[Examples], known: Mapping[str, dict[str, Any]], plan: Regression
 ) -> _Unseen:
     """Return what the design that gains least gains most by."""
     if len(known) < 2:
@@ -105,15 +101,10 @@ def _for_unseen(
     penalty, share = min(((p, s) for p in plan.penalties for s in plan.shares), key=lambda both: worst(*both))
     left_out = []
     for name, (of_design, coefficients) in parts.items():
-        before, after = errors_mm(of_design), errors_mm(of_design, share * coefficients[penalty])
+        before, after = (float(errors_of(of_design, by).mean()) for by in (None, share * coefficients[penalty]))
         away = distance(known[name], [other for key, other in known.items() if key != name])
         left_out.append({"design": name, "distance": away, "before_mm": before, "after_mm": after})
     return _Unseen(penalty, share, left_out)
-
-
-def errors_mm(examples: Sequence[Examples], coefficients: Array | None = None) -> float:
-    """Return in mm the RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
-    return float(np.mean(np.concatenate([e.errors(coefficients) for e in examples])))
 
 
 def _examples(

@@ -10,8 +10,7 @@ import pytest
 
 from corrector.basis import Basis, every_function
 from corrector.field import Examples, FieldCorrector, Regression, coefficients_of, load_corrector, offsets
-from corrector.inputs import HISTORY, fields_of, lagged
-from corrector.layout import FAR, deposits, described, distance
+from corrector.inputs import FAR, HISTORY, deposits, described, distance, fields_of, lagged
 from corrector.shape import FINE, LocalFrames, displaced, put_together, refine, tangent_changes
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
