@@ -115,16 +115,10 @@ def _row(name: str, trial: TrialResult) -> dict[str, Any]:
     return row | dict(zip(_INTERVALS, trial.intervals.shown if trial.intervals else (), strict=False))
 
 
-def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (trials,) mm before and after, of those that did not diverge."""
-    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
-    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
-    return pairs[:, 0], pairs[:, 1]
-
-
 def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
     """Return trials per bin of one error: `edges` in mm, counts `before` and `after`."""
-    before, after = _values(design, error)
+    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
+    before, after = in_mm(pairs[np.isfinite(pairs).all(axis=1)]).T  # of those that did not diverge
     edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
     counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}
     return {"edges": edges.tolist()} | counts
@@ -157,10 +151,12 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
             parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | removed |")
             parts.append("|---|---|---|---|---|---|---|")
         for name, design in table.items():
-            for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
-                share = design.closed.chamfer if error == "chamfer" else design.closed.surface
-                mark = " *" if error == "surface_rms" else ""
-                sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
+            sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
+            of_chamfer = "chamfer", "chamfer_floor", design.closed.chamfer, ""
+            for error, floor, share, mark in (
+                of_chamfer,
+                ("surface_rms", "surface_floor", design.closed.surface, " *"),
+            ):
                 parts.append(
                     f"| {name} | {len(design.trials)} | {error} | {_shown(design.after[floor], 1)} "
                     f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "

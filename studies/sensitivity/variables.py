@@ -38,11 +38,11 @@ class Inputs:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        return (*(v.name for v in self.study.varied), *(f"{JOINT}: {name}" for name in self._joint))
+        return (*(v.name for v in self.study.varied), *(f"{JOINT}: {name}" for name in self._ensemble.names))
 
     @property
     def units(self) -> tuple[str, ...]:
-        return (*(v.unit for v in self.study.varied), *["standard deviations"] * len(self._joint))
+        return (*(v.unit for v in self.study.varied), *["standard deviations"] * self._ensemble.size)
 
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
@@ -51,13 +51,10 @@ class Inputs:
         together = tuple(range(len(self.study.varied), len(self.names)))
         return single | ({JOINT: together} if len(together) > 1 else {})
 
-    @property
-    def _joint(self) -> tuple[str, ...]:
-        return self._ensemble.names if self.study.joint else ()
-
     @cached_property
     def _ensemble(self) -> Ensemble:
-        return Ensemble(self.study.model or Model())
+        model = self.study.model or Model()
+        return Ensemble(model if self.study.joint else replace(model, covariance=None))
 
     def values(self, cube: Array, part: str) -> Array:
         """Return (n, inputs) in their units, of points of the unit cube; for the part "morris" its edges are those of a
@@ -70,10 +67,7 @@ class Inputs:
     def case(self, values: Array, spread: Array | None = None) -> Case:
         """Return the case of (inputs,) values. spread: (channels,) factors on the pressures."""
         study, given = self.study, dict(zip(self.study.varied, values, strict=False))
-        model = study.model or Model()
-        if study.joint:
-            model = self._ensemble.at(values[len(given) :])
-        pressures = study.pressures.copy()
+        model, pressures = self._ensemble.at(values[len(given) :]), study.pressures.copy()
         for v, x in given.items():
             if v.kind == "pressure":
                 pressures[int(v.key[0])] = from_kpa(x)
