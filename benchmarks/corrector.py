@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import commit
-from corrector.field import load_corrector
-from corrector.regression import offsets
+from corrector.field import load_corrector, offsets
 from corrector.shape import FINE, LocalFrames, displaced
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model

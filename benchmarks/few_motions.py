@@ -41,7 +41,7 @@ from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import GRID, find_used_frames
-from studies.training.data import KEPT_BACK, choose
+from studies.training.data import TrainingOptions, choose
 from studies.unseen.prediction import Draws, in_turn, information
 
 FIVE = (0, 38, 75)
@@ -131,7 +131,7 @@ def judged_on(measured: MeasurementSet, plans: Sequence[Plan]) -> list[Trial]:
     basic = [t for t in measured.trials if t.design_name == "basic" and t.role == "fit" and t.order % 7 == 4]
     if any(plan.orders != TWELVE for plan in plans):
         return [*basic, *vertical]
-    _, held = choose([measured], Model(), kept_back=KEPT_BACK, seed=0)[:2]
+    _, held = choose([measured], TrainingOptions())[:2]
     return [*(one.trial for one in held if one.trial.order not in TWELVE), *vertical]
 
 

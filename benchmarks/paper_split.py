@@ -28,8 +28,8 @@ from sim import Simulator
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import GRID
 from studies.prediction.evaluate import unordered_errors
-from studies.training import paper
-from studies.training.data import Chosen, KeptMotions, choose
+from studies.training.data import Chosen, KeptMotions, TrainingOptions, choose
+from studies.training.networks import train_paper
 
 KEPT_BACK = 0.2  # of a trial's frames
 SEED = 0
@@ -92,7 +92,8 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     options = parser.parse_args()
     base = read_model(options.model).without(["corrector"])
-    learned, held, _ = choose([read_set(options.set)], base, kept_back=0.1, seed=SEED, coarse=Simulator(GRID))
+    chosen = TrainingOptions(base, kept_back=0.1, seed=SEED, coarse=Simulator(GRID))
+    learned, held, _ = choose([read_set(options.set)], chosen)
     trials, rng = [*learned, *held], np.random.default_rng(SEED)
     away = [rng.random(len(chosen.trial.times)) < KEPT_BACK for chosen in trials]
     shown = [replace(c, used=c.used & ~kept_back) for c, kept_back in zip(trials, away, strict=True)]
@@ -100,7 +101,7 @@ def main() -> None:
     with work_folder(options.work, made_by="paper_split") as work:
         plan = PaperTraining.here(SEED)
         checkpoint = Checkpoint(work, {"set": str(options.set), "model": base.central_hash, "plan": repr(plan)})
-        weights, about = paper.train(shown, forward, plan, checkpoint, progress=say)
+        weights, about = train_paper(shown, forward, plan, checkpoint, progress=say)
         found = errors_of(trials, away, PaperCorrector.of(weights, about), forward, checkpoint)
     text = table(found)
     write_text(options.output, text)

@@ -11,6 +11,7 @@ whole trials left out in turn: least CRPS, then scaled so that 90 % of the other
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
-from studies.intervals.calibrate import START, IntervalScore, combined, left_out
+from studies.intervals.calibrate import IntervalScore, left_out
 from studies.intervals.draws import RegionResiduals, residuals
 from studies.measured.splits import of_each_design
 
@@ -37,8 +38,9 @@ def trials_of(measured: MeasurementSet, model: Model, most: int) -> list[Trial]:
     return of_each_design([trial for trial in measured.trials if trial.name not in fitted], most)
 
 
-def constant(shape: Array, one: RegionResiduals) -> Array:
-    return np.full(len(one.residual), float(np.exp(shape[0])))
+def constant(one: RegionResiduals) -> RegionResiduals:
+    """The same residuals, of which nothing but a constant says how wide they spread."""
+    return replace(one, deviation=0 * one.deviation, moved=0 * one.moved)
 
 
 def widths(every: Sequence[RegionResiduals]) -> dict[str, list[Array]]:
@@ -46,8 +48,8 @@ def widths(every: Sequence[RegionResiduals]) -> dict[str, list[Array]]:
     folds = range(len(every))
     return {
         "joint covariance alone": [one.deviation for one in every],
-        "constant": left_out(every, folds, constant, np.log([1e-3])),
-        "all": left_out(every, folds, combined, START),
+        "constant": left_out([constant(one) for one in every], folds),
+        "all": left_out(every, folds),
     }
 
 

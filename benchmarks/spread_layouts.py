@@ -26,7 +26,6 @@ from fabdesign.interface import calibrate
 from fabdesign.nouns.catalogue import standard
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import NORMAL90, Model
-from fabdesign.nouns.model_sampling import half_widths
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
@@ -94,7 +93,7 @@ def measured_in(folder: Path) -> MeasurementSet:
 def table(model: Model, own: Sequence[RegionResiduals], others: Sequence[RegionResiduals]) -> str:
     """own: of the trials that the intervals are calibrated on, others: of the trials judged."""
     assert model.spread is not None
-    spread, flat = model.spread, calibrated(own, constant, np.log([1e-3]))
+    spread, flat = model.spread, calibrated([constant(one) for one in own])
     lines = [
         "| layout | trials | 90 % interval from | inside | mean width, mm | CRPS, mm |",
         "|---|---|---|---|---|---|",
@@ -102,11 +101,11 @@ def table(model: Model, own: Sequence[RegionResiduals], others: Sequence[RegionR
     for name in ["all", *sorted({one.design for one in others})]:
         some = [one for one in others if name in (one.design, "all")]
         residual = np.concatenate([one.residual for one in some])
-        sigma = np.concatenate([half_widths(spread, o.deviation, o.moved, o.design) for o in some]) / NORMAL90
+        sigma = np.concatenate([o.sigma(spread) for o in some])
         scores = {
             "the model": IntervalScore.of(residual, sigma),
             "the joint covariance alone": IntervalScore.of(residual, np.concatenate([o.deviation for o in some])),
-            "a constant": IntervalScore.of(residual, np.concatenate([flat.of(o) for o in some])),
+            "a constant": IntervalScore.of(residual, np.concatenate([constant(o).sigma(flat) for o in some])),
         }
         same = np.quantile(np.abs(residual), scores["the model"].inside) / NORMAL90
         scores["a constant that holds as many"] = IntervalScore.of(residual, np.full(len(residual), same))

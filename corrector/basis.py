@@ -2,7 +2,7 @@
 on top of its own, from what is there at the place itself, and a few motions of the whole.
 
 These are the basis functions of the field corrector. Each has one coefficient, which is learned
-(`corrector.regression`) and the same in every layout. A muscle's tensor (uu, vv, uv) may act along its direction and
+(`corrector.field`) and the same in every layout. A muscle's tensor (uu, vv, uv) may act along its direction and
 across it. A front and a back muscle bend the cloth in opposite directions and strain it alike. Some functions break
 this symmetry (a cloth with a curl of its own).
 """
@@ -15,11 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.inputs import MUSCLE, Fields
-from fabdesign.nouns.array import Array
+from corrector.shape import (
+    FINE,
+    NODES,
+    LocalFrames,
+    put_together,
+    refine,
+    slopes,
+    tangent_changes,
+    weight_over_stiffness,
+)
+from fabdesign.nouns.array import Array, Floats
+from fabdesign.nouns.forward import Case
 
 Named = tuple[str, Array, bool]
 
-STRAIN = 0.01  # strain of a unit coefficient; units of the others are 1/m (curvature), rad (swings), m (displacements)
+_STRAIN = 0.01  # strain of a unit coefficient; units of the others are 1/m (curvature), rad (swings), m (displacements)
 _ONLY_ONE_SIDED = 9  # the first of `MUSCLE`, whose front and back may differ
 _TENSION, _PRESSURE = MUSCLE.index("tension"), MUSCLE.index("pressure")
 _COMPONENTS = ("uu", "vv", "uv")
@@ -48,61 +59,64 @@ class Basis:
             *(np.stack([value for _, value, _ in part], axis=1) for part in (curvature, strain, swings, displacements)),
         )
 
-    def combined(self, coefficients: Array) -> "Combination":
-        """Return the sum of all, each times its coefficient (K,)."""
+    @property
+    def least_effects(self) -> Array:
+        """Return (K,) share of an error that a unit coefficient counts as at least (`field.coefficients_of`): a
+        strain of 1 % as all of it."""
+        return np.array([1.0 if name.startswith("strain") else 0.05 for name in self.names])
+
+    def displacement(self, coefficients: Array, frames: LocalFrames, case: Case) -> NDArray[np.float32]:
+        """Return (T, FINE, FINE, 3) m of the mid-surface by all, each times its coefficient (K,). frames: of the
+        simulated cloth, at FINE x FINE nodes."""
         parts = self.curvature, self.strain, self.swings, self.swings, self.displacements
         ends = np.cumsum([part.shape[1] for part in parts])
-        curvature, strain, straight, twisting, displacements = np.split(coefficients, ends[:-1])
-        return Combination(
-            np.einsum("tkcij,k->tcij", self.curvature, curvature),
-            STRAIN * np.einsum("tkcij,k->tcij", self.strain, strain),
-            np.stack([self.swings @ straight, self.swings @ twisting], axis=1),
-            np.einsum("tkij,k->tij", self.displacements, displacements),
-        )
+        by_curvature, by_strain, straight, twisting, displacements = np.split(coefficients, ends[:-1])
+        fabric = case.design.fabric
+        curvature = np.einsum("tkcij,k->tcij", self.curvature, by_curvature).reshape(len(self.swings), -1)
+        tilts = (curvature @ slopes(fabric, weight_over_stiffness(case))).reshape(-1, 2, FINE, FINE)
+        swing, twist = self.swings @ straight, self.swings @ twisting
+        tilts[:, 1] += swing[:, None, None] + twist[:, None, None] * np.linspace(-1, 1, FINE)
+        strain = np.moveaxis(_fine(_STRAIN * np.einsum("tkcij,k->tcij", self.strain, by_strain)), 1, -1)
+        changes = tangent_changes(np.moveaxis(tilts, 1, -1), strain, frames)
+        along = _fine(np.einsum("tkij,k->tij", self.displacements, displacements))[..., None] * frames.normal
+        moved = np.array([put_together(*frame, fabric) for frame in zip(*changes, strict=True)])
+        return (moved + along).astype(np.float32)
+
+    def heights(self, frames: LocalFrames, case: Case) -> NDArray[np.float32]:
+        """Return (T, K, FINE, FINE) m along the normal by a unit coefficient of each, to first order."""
+        flat = self.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
+        answer = slopes(case.design.fabric, weight_over_stiffness(case)).astype(np.float32)
+        by_curvature = (flat @ answer).reshape(len(self.swings), -1, 2, FINE, FINE)
+        straight = np.zeros((*self.swings.shape, 2, FINE, FINE), dtype=np.float32)
+        straight[:, :, 1] = self.swings[..., None, None]
+        twisting = straight * np.linspace(-1, 1, FINE, dtype=np.float32)
+        strain = _fine(_STRAIN * self.strain).astype(np.float32)
+        by_strain = np.zeros((*strain.shape[:2], 2, FINE, FINE), np.float32)
+        tilts = np.concatenate([by_curvature, by_strain, straight, twisting], 1)
+        span = slice(by_curvature.shape[1], by_curvature.shape[1] + strain.shape[1])
+        shear = strain[:, :, 2, ..., None] / 2
+
+        def change(k: int) -> Floats:
+            size, unit, other = frames.sizes[k], frames.units[k], frames.units[1 - k]
+            changes: Floats = tilts[:, :, k, ..., None] * (size * frames.normal)[:, None]
+            changes[:, span] = (strain[:, :, k, ..., None] * unit[:, None] + shear * other[:, None]) * size[:, None]
+            return changes
+
+        moved = put_together(change(0), change(1), case.design.fabric)
+        heights = np.einsum("tkabi,tabi->tkab", moved, frames.normal)
+        return np.concatenate([heights, _fine(self.displacements).astype(np.float32)], axis=1)
+
+
+def _fine(field: Floats) -> Floats:
+    """Return (..., FINE, FINE) of (..., n, n)."""
+    return refine(field[..., None], FINE)[..., 0]
 
 
 @lru_cache(maxsize=1)
-def _any() -> Basis:
-    tensor, one = np.zeros((1, 3, 1, 1)), np.zeros(1)
-    pair = np.zeros((2, 1))
-    return Basis.of(
-        Fields(
-            np.zeros((1, 2, len(MUSCLE), 3, 1, 1)),
-            tensor,
-            tensor,
-            np.zeros((2, 1, 3, 1, 1)),
-            np.zeros((3, 1, 1, 1)),
-            one,
-            one,
-            pair,
-        )
-    )
-
-
-def names() -> tuple[str, ...]:
-    """Return (K,) of all basis functions."""
-    return _any().names
-
-
-def least_effects() -> Array:
-    """Return (K,) share of an error that a unit coefficient counts as at least (`regression.coefficients_of`): a strain
-    of 1 % as all of it."""
-    return np.array([1.0 if name.startswith("strain") else 0.05 for name in names()])
-
-
-def anywhere() -> NDArray[np.bool_]:
-    """Return (K,) whether a basis function is taken for layouts that were not learned from."""
-    return _any().anywhere
-
-
-@dataclass(frozen=True, eq=False)
-class Combination:
-    """The sum of what acts: as in `Basis`, without the axis over functions; swings (T, 2), straight and twisting."""
-
-    curvature: Array
-    strain: Array
-    swings: Array
-    displacements: Array
+def every_function() -> Basis:
+    """Return all basis functions by name, of a cloth in which nothing is."""
+    shapes = (1, 2, len(MUSCLE), 3, 1, 1), (1, 3, 1, 1), (1, 3, 1, 1), (2, 1, 3, 1, 1), (3, 1, 1, 1), 1, 1, (2, 1)
+    return Basis.of(Fields(*(np.zeros(shape) for shape in shapes)))
 
 
 def _across(tensor: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
-from corrector.layout import described, distance
+from corrector.inputs import described, distance
 from fabdesign.nouns.array import Floats
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case, Trust, with_history
@@ -80,10 +80,12 @@ def drawn(points: Floats, count: int, rng: np.random.Generator) -> Floats:
 
 def chamfer_squared(one: Tensor, other: Tensor) -> Tensor:
     """Return the mean over the batch of both mean squared nearest distances, summed, in the points' unit squared."""
-    there, back = (
-        (a - _taken(b, _nearest(a.detach(), b.detach()))).square().sum(dim=2) for a, b in ((one, other), (other, one))
-    )
-    return (there.mean(dim=1) + back.mean(dim=1)).mean()
+
+    def off(points: Tensor, others: Tensor) -> Tensor:
+        index = _nearest(points.detach(), others.detach())[:, :, None].expand(-1, -1, 3)
+        return (points - others.gather(1, index)).square().sum(dim=2).mean(dim=1)
+
+    return (off(one, other) + off(other, one)).mean()
 
 
 def _nearest(points: Tensor, others: Tensor) -> Tensor:
@@ -93,11 +95,6 @@ def _nearest(points: Tensor, others: Tensor) -> Tensor:
         return torch.cdist(points, others).argmin(dim=2)
     trees = [cKDTree(cloud) for cloud in others.numpy()]
     return torch.from_numpy(np.stack([tree.query(cloud)[1] for tree, cloud in zip(trees, points.numpy(), strict=True)]))
-
-
-def _taken(points: Tensor, index: Tensor) -> Tensor:
-    """Return (B, k, 3): of each cloud those of its index (B, k)."""
-    return points.gather(1, index[:, :, None].expand(-1, -1, 3))
 
 
 @dataclass(frozen=True, eq=False)

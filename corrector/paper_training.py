@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from corrector.paper import FRAMES, LENGTH, OUTPUT_POINTS, Autoencoder, NextCode, chamfer_squared, drawn, to_unit
+from fabdesign.nouns.array import Floats
 from fabdesign.output import atomic_file
 from fabdesign.runtime.store import read_kept
 from fabdesign.units import in_mm
 
-Floats = NDArray[Any]
 _MM2 = in_mm(LENGTH) ** 2  # mm^2 in the square of the network's unit
 _VALIDATED = 0.1  # share that early stopping looks at
 
@@ -41,9 +41,7 @@ class PaperTraining:
         """Return full size where there is a GPU; else one for two cores, which rig_a takes within an hour."""
         if torch.cuda.is_available():
             return PaperTraining(seed=seed)
-        return PaperTraining(
-            points=512, targets=256, code=128, every=6, epochs=(60, 60), rates=(1e-3, 1e-3), batch=16, seed=seed
-        )
+        return PaperTraining(512, 256, code=128, every=6, epochs=(60, 60), rates=(1e-3, 1e-3), seed=seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +63,10 @@ def train_paper(
     """Return the weights. Checkpoints lie in `folder`, as paper-PART.pt; what is there is gone on from."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     rng = np.random.default_rng(plan.seed)
-    check = set(rng.permutation(len(trials))[: max(round(_VALIDATED * len(trials)), 1)].tolist())
-    if len(trials) == 1:
-        check = set()
+    checks = max(round(_VALIDATED * len(trials)), 1) if len(trials) > 1 else 0
+    check = set(rng.permutation(len(trials))[:checks].tolist())
     torch.manual_seed(plan.seed)
-    parts = {"simulated": Autoencoder(plan.code), "measured": Autoencoder(plan.code)}
-    for part in parts.values():
-        part.to(device)
+    parts = {"simulated": Autoencoder(plan.code).to(device), "measured": Autoencoder(plan.code).to(device)}
     for name, network in parts.items():
         clouds = [
             [np.asarray(c, dtype=np.float32) for c, use in zip(getattr(trial, name), trial.learned, strict=True) if use]
@@ -87,9 +82,9 @@ def train_paper(
             return _MM2 * chamfer_squared(network(clouds[0]), clouds[1])
 
         _descend(name, network, loss, (learned, checked), plan, folder, progress)
-    codes = _codes(trials, parts, plan, device)
+    drawing = np.random.default_rng(plan.seed)
+    pairs = [_sequences(trial, parts, plan.points, drawing, device) for trial in trials]
     following = NextCode(plan.code).to(device)
-    pairs = [_sequences(*one, trial.learned) for one, trial in zip(codes, trials, strict=True)]
     seen = [pair for i, trial in enumerate(pairs) for pair in trial if i not in check]
     looked_at = [pair for i, trial in enumerate(pairs) for pair in trial if i in check]
 
@@ -166,24 +161,16 @@ def _descend(
     network.eval()
 
 
-def _codes(
-    trials: Sequence[TrainingPairs], parts: dict[str, Autoencoder], plan: PaperTraining, device: torch.device
+def _sequences(
+    trial: TrainingPairs, parts: dict[str, Autoencoder], points: int, rng: np.random.Generator, device: torch.device
 ) -> list[tuple[Tensor, Tensor]]:
-    """Return the codes (T, code) of each trial's simulated and of its measured frames."""
-    rng = np.random.default_rng(plan.seed)
+    """Return the codes (FRAMES, code) of the simulated frames before each frame from the sixth on that is learned from,
+    and that frame's own measured code."""
     codes = []
     with torch.no_grad():
-        for trial in trials:
-            both = []
-            for name in ("simulated", "measured"):
-                clouds = np.stack([drawn(np.asarray(c), plan.points, rng) for c in getattr(trial, name)])
-                pieces = torch.from_numpy(to_unit(clouds)).to(device).split(16)
-                both.append(torch.cat([parts[name].encode(piece) for piece in pieces]))
-            codes.append((both[0], both[1]))
-    return codes
-
-
-def _sequences(simulated: Tensor, measured: Tensor, learned: NDArray[np.bool_]) -> list[tuple[Tensor, Tensor]]:
-    """Return (FRAMES, code) before each frame from the sixth on that is learned from, and that frame's own measured
-    code."""
-    return [(simulated[k - FRAMES : k], measured[k]) for k in range(FRAMES, len(measured)) if learned[k]]
+        for name, part in parts.items():
+            clouds = np.stack([drawn(np.asarray(cloud), points, rng) for cloud in getattr(trial, name)])
+            pieces = torch.from_numpy(to_unit(clouds)).to(device).split(16)
+            codes.append(torch.cat([part.encode(piece) for piece in pieces]))
+    simulated, measured = codes
+    return [(simulated[k - FRAMES : k], measured[k]) for k in range(FRAMES, len(measured)) if trial.learned[k]]

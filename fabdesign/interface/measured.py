@@ -107,7 +107,7 @@ def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, roles: 
 def _predicted(result: Sequence[Path], given: Mapping[str, Any]) -> Shown:
     from fabdesign.files.motion_file import read_band
     from fabdesign.units import in_mm
-    from studies.intervals.band import mean_width, width_in_words
+    from studies.intervals.calibrate import mean_width, width_in_words
 
     bands = [band for file in result if (band := read_band(file)) is not None]
     width = in_mm(mean_width(bands)) if bands else None

@@ -80,7 +80,7 @@ def simulate(
     from fabdesign.interface.arguments import pairs
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.nouns.pressure import rising_program
-    from studies.prediction.predict import frame_times, require_motions, require_shapes
+    from studies.prediction.predict import frame_times, require_motions
 
     run, (asked, lone) = Run(**given), pairs(design, pressures)
     if equilibrium and duration is not None:
@@ -110,10 +110,7 @@ def simulate(
         try:
             for part in _parts(run, asked, "simulated"):
                 cases = [Case(*pair, order=order) for pair in asked[part]]
-                if equilibrium:
-                    motions += require_shapes(forward, cases, model=fitted)
-                else:
-                    motions += require_motions(forward, cases, times[part], model=fitted)
+                motions += require_motions(forward, cases, None if equilibrium else times[part], model=fitted)
         except KeyboardInterrupt:
             if not motions:
                 raise
@@ -224,7 +221,7 @@ def sweep(
     from fabdesign.interface.arguments import functions_of, pairs
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.units import in_kpa
-    from studies.prediction.forward_model import forward_model, laced_motions, laced_rests
+    from studies.prediction.forward_model import forward_model, laced_motions
 
     run, functions = Run(**given), functions_of(outputs)
     asked, _ = pairs(designs, pressures)
@@ -236,12 +233,8 @@ def sweep(
         try:
             for part in _parts(run, asked, "swept"):
                 cases, time = [Case(*pair, order=order) for pair in asked[part]], np.asarray(at, dtype=float)
-                shapes = (
-                    laced_motions(forward_model(forward, fitted), cases, [time] * len(cases))
-                    if len(time)
-                    else laced_rests(forward, fitted, cases)
-                )
-                for motion in shapes:
+                times = [time] * len(cases) if len(time) else None
+                for motion in laced_motions(forward_model(forward, fitted), cases, times):
                     sound = np.isfinite(motion.points).all()
                     rows.append([float(function(motion)) if sound else np.nan for function in functions.values()])
         except KeyboardInterrupt:

@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.regression import offsets
+from corrector.field import offsets
 from corrector.shape import FINE, LocalFrames
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
-from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import Ensemble
+from fabdesign.nouns.model import NORMAL90, Model, Spread
+from fabdesign.nouns.model_sampling import Ensemble, half_widths
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.effort import batches
@@ -33,6 +33,10 @@ class RegionResiduals:
     residual: Array  # m, measured less predicted
     deviation: Array  # m, standard deviation over draws of the joint covariance
     moved: Array  # m since rest
+
+    def sigma(self, spread: Spread) -> Array:
+        """Return (n,) m, the standard deviations that a model's intervals have."""
+        return half_widths(spread, self.deviation, self.moved, self.design) / NORMAL90
 
 
 def region_terms(rest: Floats, predicted: Floats, drawn: Sequence[Floats], fabric: Fabric) -> tuple[Array, Array]:
@@ -85,12 +89,7 @@ def drawn_models(model: Model, draws: int = DRAWS) -> list[Model]:
 
 
 def drawn_motions(
-    predictor: Predictor,
-    coarse: ForwardModel,
-    cases: Sequence[Case],
-    times: Sequence[Array],
-    *,
-    draws: int = DRAWS,
+    predictor: Predictor, coarse: ForwardModel, cases: Sequence[Case], times: Sequence[Array], *, draws: int = DRAWS
 ) -> list[list[Motion]]:
     """Return of each case the motions of the drawn models on a cheap simulator. The corrector stays the one trained at
     the centre."""

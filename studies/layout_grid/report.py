@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -103,10 +104,15 @@ def front_figure(result: GridResult) -> Figure:
             series = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
             if series:
                 counts = [f.cell.muscles for f in series]
-                reached = [in_mm(min(f.objective, _nearest(result, f))) for f in series]
-                label = f"{type_}, {sides}"
-                axes.plot(counts, reached, MARKS[sides], color=f"C{k}", linestyle=":", linewidth=0.8, label=label)
-                worse = [f for f in series if f.objective > _nearest(result, f)]
+                nearest = [best.objective for f in series if (best := result.nearest(f.cell))]
+                style: dict[str, Any] = {
+                    "color": f"C{k}",
+                    "linestyle": ":",
+                    "linewidth": 0.8,
+                    "label": f"{type_}, {sides}",
+                }
+                axes.plot(counts, in_mm(np.array(nearest)), MARKS[sides], **style)
+                worse = [f for f, least in zip(series, nearest, strict=True) if f.objective > least]
                 at = [f.cell.muscles for f in worse], [in_mm(f.objective) for f in worse]
                 axes.plot(*at, MARKS[sides], color=f"C{k}", fillstyle="none")
     front = result.front
@@ -119,11 +125,6 @@ def front_figure(result: GridResult) -> Figure:
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
     axes.legend(fontsize="small", frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
     return figure
-
-
-def _nearest(result: GridResult, entry: CellResult) -> float:
-    best = result.nearest(entry.cell)
-    return best.objective if best else float("inf")
 
 
 def as_text(result: GridResult) -> str:

@@ -18,7 +18,7 @@ from studies.layout_grid.report import write_report
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
-from studies.layouts import StudyResult, Verification, run_study
+from studies.layouts import Verification, run_study
 from studies.study import Simulated, StudyRun
 
 CELLS = "cells"  # the folder of the searches' folders
@@ -35,11 +35,7 @@ Progress = Callable[[Cell, int, int, Evaluations], None]
 
 
 def run_layouts(
-    study: LayoutsStudy | Path | str,
-    out: Path | str,
-    *,
-    progress: Progress = lambda *_: None,
-    **how: Unpack[Simulated],
+    study: LayoutsStudy | Path | str, out: Path | str, *, progress: Progress = lambda *_: None, **how: Unpack[Simulated]
 ) -> GridResult:
     """Search every cell and write `result.json`, `report.html` and `cells/NAME`, what `optimize` writes, into `out`.
 
@@ -72,7 +68,8 @@ class GridSearch:
     def __init__(self, work: WorkFolder, study: LayoutsStudy, how: Simulated, progress: Progress) -> None:
         self._work, self._study, self._how, self._progress = work, study, how, progress
         self._cells = [*study.cells]
-        self._results: list[CellResult] = []
+        self._drawn: dict[str, list[Start]] = {}  # by the cell's name, as are its turns and its result
+        self._results: dict[str, CellResult] = {}
         self._turns, spent = turns_kept(work.folder / TURNS)
         self._began = working_time.seconds() - spent
         self._end = 0.0  # s that a turn took beyond its search
@@ -84,8 +81,8 @@ class GridSearch:
             if self._result().interrupted:
                 return self._result()
         result = self._result()
-        if not any(f.result for f in self._results):
-            raise SimulationError(f"{self._study.search.name}: no cell has a result; the first: {self._results[0].why}")
+        if not any(f.result for f in result.cells):
+            raise SimulationError(f"{self._study.search.name}: no cell has a result; the first: {result.cells[0].why}")
         while not result.interrupted and (further := self._time_for_another()):
             chosen = next_turn(result, self._turns, further)
             if chosen is None:
@@ -100,15 +97,8 @@ class GridSearch:
         while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.loading_path is None]:
             begin = working_time.seconds()
             if self._spent + self._to_follow > self._limit:
-                return result
-            turns = self._turns[ahead[0].cell.name]
-            followed = self._run(
-                ahead[0].cell,
-                turns,
-                first_starts(ahead[0].cell.study) if turns.drawn else [],
-                verification="motion",
-            )
-            self._results[self._results.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
+                break
+            self._run(ahead[0].cell, verification="motion")
             self._longest = max(self._longest, working_time.seconds() - begin)
             result = self._result()
         return result
@@ -128,7 +118,7 @@ class GridSearch:
         return working_time.seconds() - self._began
 
     def _result(self) -> GridResult:
-        return GridResult(self._study, tuple(self._results), len(self._cells), self._spent)
+        return GridResult(self._study, tuple(self._results.values()), len(self._cells), self._spent)
 
     def _time_for_another(self) -> float:
         """Return the seconds of search in another turn, 0 where there is no time."""
@@ -138,81 +128,70 @@ class GridSearch:
         return min(turn, remaining) if remaining > WORTH_A_TURN * self._end and remaining > 0.01 * seconds else 0.0
 
     def _first_turn(self, cell: Cell) -> None:
-        turns = self._turns.get(cell.name)
         try:
-            drawn = first_starts(cell.study)
+            self._drawn[cell.name] = first_starts(cell.study)
         except InputError as error:
-            self._results.append(CellResult(cell, None, str(error)))
+            self._results[cell.name] = CellResult(cell, None, str(error))
             return
-        if turns is None:
-            share = FIRST * self._study.search.limits.seconds / len(self._cells)
-            turns = CellTurns(
-                seeds=[as_row(seed) for seed in seeds_of(cell, self._results)],
+        if cell.name not in self._turns:
+            share, result = FIRST * self._study.search.limits.seconds / len(self._cells), self._result()
+            self._turns[cell.name] = CellTurns(
+                seeds=[*map(as_row, seeds_of(cell, result.cells))],
                 seconds=max(share / 4, share - (self._end or END * share)),
-                beneath=best_beneath(cell, self._result()),
+                beneath=best_beneath(cell, result),
             )
-            self._turns[cell.name] = turns
             self._keep()
         try:
-            result = self._run(cell, turns, drawn)
+            searched = self._run(cell)
         except SimulationError as error:
-            self._results.append(CellResult(cell, None, str(error)))
+            self._results[cell.name] = CellResult(cell, None, str(error))
             return
-        searched = CellResult(cell, result, "")
-        self._results.append(searched)
-        if not turns.turns and not result.interrupted:
+        turns = self._turns[cell.name]
+        if not turns.turns and not self._result().interrupted:
             turns.turns, turns.value, turns.gained = 1, searched.objective, recent_gain(searched)
         self._keep()
 
     def _further_turn(self, chosen: CellResult, seconds: float) -> None:
         """Search on from where it stands; or anew from what its neighbours have found since."""
-        cell, turns = chosen.cell, self._turns[chosen.cell.name]
-        beneath = best_beneath(cell, self._result())
+        cell, turns, result = chosen.cell, self._turns[chosen.cell.name], self._result()
+        beneath = best_beneath(cell, result)
         anew = chosen.objective - beneath > 0 and beneath < turns.beneath
         if anew:
-            seeds = seeds_of(cell, self._results)
-            turns.seeds, turns.drawn, turns.seconds, turns.beneath = [*map(as_row, seeds)], False, 0.0, beneath
+            seeds = [*map(as_row, seeds_of(cell, result.cells))]
+            turns.seeds, turns.drawn, turns.seconds, turns.beneath = seeds, False, 0.0, beneath
         turns.seconds += seconds
-        result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], force=anew)
-        searched = CellResult(cell, result, "")
-        self._results[self._results.index(chosen)] = searched
+        reached = self._run(cell, force=anew).objective
         turns.turns += 1
-        turns.gained, turns.value = max(0.0, turns.value - searched.objective), searched.objective
+        turns.gained, turns.value = max(0.0, turns.value - reached), reached
         self._keep()
 
-    def _run(
-        self,
-        cell: Cell,
-        turns: CellTurns,
-        drawn: list[Start],
-        *,
-        verification: Verification = "at rest",
-        force: bool = False,
-    ) -> StudyResult:
-        last, study = working_time.seconds(), cell.study
-        seeds = [of_row(row, study.design, study.limits) for row in turns.seeds]
+    def _run(self, cell: Cell, *, verification: Verification = "at rest", force: bool = False) -> CellResult:
+        """Return the cell's new result, which takes the place of the one before."""
+        last, turns = working_time.seconds(), self._turns[cell.name]
 
         def heard(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
-            if verification == "motion":  # no search
-                return
-            self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
+            if verification != "motion":  # which is no search
+                self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
+        study, drawn = cell.study, self._drawn[cell.name]
+        seeds = [of_row(row, study.design, study.limits) for row in turns.seeds]
         result = run_study(
             study,
             self._work.folder / CELLS / file_stem(cell.name),
             forward=self._how.get("forward"),
             coarse=self._how.get("coarse"),
             seconds=turns.seconds,
-            starts=seeds + (drawn if turns.drawn else []),
+            starts=[*seeds, *(drawn if turns.drawn else [])],
             force=force,
             verification=verification,
             progress=heard,
         )
         if verification == "at rest":
             self._end = max(self._end, working_time.seconds() - last)
-        return result
+        self._results[cell.name] = CellResult(cell, result, "")
+        return self._results[cell.name]
 
     def _keep(self) -> None:
         with self._work.adding() as files:

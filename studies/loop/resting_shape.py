@@ -3,7 +3,7 @@
 Points of several frames, on both faces, with noise and strays, become a mid-surface: a bicubic B-spline whose control
 points are fitted to the points' heights over it, with the lengths along and across the cloth kept those of a shape
 that a model predicts (iterated closest points with a nearly inextensible sheet). A point that does not say on which
-face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.regression`.
+face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.field`.
 """
 
 from collections.abc import Sequence

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.runtime.effort import batches
 from optimize.fit.clouds import Motion
-from studies.intervals.band import IntervalJudge, interval_judges
+from studies.intervals.calibrate import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.used_frames import NONE_USED, UsedFrames, find_used_frames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
@@ -91,27 +92,26 @@ class _Job:
 
 
 def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[Role]) -> list[_Job]:
-    shared = Counter(name for measured in sets for name in {trial.design_name for trial in measured.trials})
-    jobs = []
-    for measured in sets:
-        for role in roles:
-            for name in sorted({trial.design_name for trial in measured.trials}):
-                trials = [t for t in measured.trials if t.design_name == name and t.role == role]
-                if trials:
-                    jobs.append(_Job(measured, role, name if shared[name] == 1 else f"{measured.name}/{name}", trials))
-    return jobs
+    names = [sorted({trial.design_name for trial in measured.trials}) for measured in sets]
+    shared = Counter(chain.from_iterable(names))
+    return [
+        _Job(measured, role, name if shared[name] == 1 else f"{measured.name}/{name}", trials)
+        for measured, some in zip(sets, names, strict=True)
+        for role in roles
+        for name in some
+        if (trials := [t for t in measured.trials if t.design_name == name and t.role == role])
+    ]
 
 
 def _with_noise(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list[_Job]:
     """Return the jobs, each with its noise; what one set has of cloths of one thickness was seen by one sensor, and is
     estimated once."""
     alike: dict[tuple[int, float], list[Trial]] = {}
-    keys = []
-    for job in jobs:
-        keys.append((id(job.measured), job.trials[0].design.fabric.thickness))
-        alike.setdefault(keys[-1], []).extend(job.trials)
-    noises = {key: threads.submit(estimate_noise, noise_clouds(trials), key[1]) for key, trials in alike.items()}
-    return [replace(job, noise=noises[key]) for job, key in zip(jobs, keys, strict=True)]
+    sensors = [(id(job.measured), job.trials[0].design.fabric.thickness) for job in jobs]
+    for job, sensor in zip(jobs, sensors, strict=True):
+        alike.setdefault(sensor, []).extend(job.trials)
+    noises = {one: threads.submit(estimate_noise, noise_clouds(trials), one[1]) for one, trials in alike.items()}
+    return [replace(job, noise=noises[sensor]) for job, sensor in zip(jobs, sensors, strict=True)]
 
 
 def _evaluated(

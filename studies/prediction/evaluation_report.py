@@ -9,7 +9,7 @@ import numpy as np
 
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.formats.json_file import plain, write_json
-from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.formats.schema import MM, Key
 from fabdesign.geometry.metrics import Closed, Errors, Statistics, beyond_in_words
 from fabdesign.geometry.sensor_noise import SensorNoise
@@ -21,6 +21,8 @@ from studies.measured.used_frames import UsedFrames
 _LEAST_BARS = 12  # trials, of which a histogram says less than their values
 _UNORDERED = "no order, no surface"  # of a model's points
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+_STATES = ("before", "after")
+_INTERVALS = ("interval_inside", "interval_width", "interval_crps")
 ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
 
 
@@ -102,31 +104,21 @@ class SetEvaluation(Tabled):
     def columns(self) -> Columns:
         """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
         [mm]."""
-        rows = self.rows
-        columns: Columns = {"design": [name for name, _ in rows]}
-        for key, name in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
-            columns[key] = [getattr(trial, name) for _, trial in rows]
-        columns["judged"] = [trial.used for _, trial in rows]
-        for when in ("before", "after"):
-            for error in ERRORS:
-                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
-        scores = [trial.intervals for _, trial in rows]
-        if any(scores):
-            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
-                columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
-        return columns
+        return by_name([_row(name, trial) for name, trial in self.rows])
 
 
-def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (trials,) mm before and after, of those that did not diverge."""
-    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
-    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
-    return pairs[:, 0], pairs[:, 1]
+def _row(name: str, trial: TrialResult) -> dict[str, Any]:
+    row = {"design": name, "set": trial.set_name, "trial": trial.trial, "order": trial.order, "role": trial.role}
+    row |= {"judged": trial.used} | {
+        f"{error}_{when}": in_mm(getattr(getattr(trial, when), error)) for when in _STATES for error in ERRORS
+    }
+    return row | dict(zip(_INTERVALS, trial.intervals.shown if trial.intervals else (), strict=False))
 
 
 def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
     """Return trials per bin of one error: `edges` in mm, counts `before` and `after`."""
-    before, after = _values(design, error)
+    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
+    before, after = in_mm(pairs[np.isfinite(pairs).all(axis=1)]).T  # of those that did not diverge
     edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
     counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}
     return {"edges": edges.tolist()} | counts
@@ -159,10 +151,12 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
             parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | removed |")
             parts.append("|---|---|---|---|---|---|---|")
         for name, design in table.items():
-            for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
-                share = design.closed.chamfer if error == "chamfer" else design.closed.surface
-                mark = " *" if error == "surface_rms" else ""
-                sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
+            sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
+            of_chamfer = "chamfer", "chamfer_floor", design.closed.chamfer, ""
+            for error, floor, share, mark in (
+                of_chamfer,
+                ("surface_rms", "surface_floor", design.closed.surface, " *"),
+            ):
                 parts.append(
                     f"| {name} | {len(design.trials)} | {error} | {_shown(design.after[floor], 1)} "
                     f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
@@ -208,16 +202,16 @@ def _shown(values: Statistics, trials: int) -> str:
 
 
 def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
-    header = ["set", "design", "trial", "order", "role"]
-    header += [f"{name}_{state}_mm" for state in ("before", "after") for name in ERRORS]
+    errors = [f"{name}_{state}" for state in _STATES for name in ERRORS]
+    header = ["set", "design", "trial", "order", "role", *(f"{name}_mm" for name in errors)]
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
     header += ["interval_inside", "interval_width_mm", "interval_crps_mm"]
     rows = []
     for name, r in evaluation.rows:
-        numbers = [in_mm(getattr(errors, error)) for errors in (r.before, r.after) for error in ERRORS]
-        shown = [f"{x:.6g}" for x in (*numbers, r.before.beyond, r.after.beyond, r.used)]
-        intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
-        rows.append([r.set_name, name, r.trial, r.order, r.role, *shown, *intervals])
+        row = _row(name, r) | {"before": r.before.beyond, "after": r.after.beyond}
+        numbers = [row.get(key) for key in (*errors, "before", "after", "judged", *_INTERVALS)]
+        shown = ["" if x is None else f"{x:.6g}" for x in numbers]
+        rows.append([r.set_name, name, r.trial, r.order, r.role, *shown])
     write_rows(path, header, rows)
 
 
@@ -247,8 +241,12 @@ def draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
             axis.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.7, label=state)
         axis.set(yticks=[0, 1], yticklabels=[*states], ylim=(1.6, -0.6))
         return
-    shown = histogram(design, error)
-    for state, colour in states.items():
+    draw_bars(axis, histogram(design, error), states)
+
+
+def draw_bars(axis: Any, shown: Mapping[str, Any], colours: Mapping[str, str]) -> None:
+    """Draw a `histogram`, each state in its colour."""
+    for state, colour in colours.items():
         axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
     axis.set_ylabel("trials")
     axis.yaxis.get_major_locator().set_params(integer=True)

@@ -21,6 +21,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
+from studies.prediction.stability import rms
 
 
 def sensed_model(simulator: ForwardModel, model: Model | None) -> Predictor:
@@ -36,7 +37,7 @@ def forward_model(simulator: ForwardModel, model: Model | None) -> Predictor:
     model = model or Model()
     if model.corrector is None:
         return Predictor(simulator, model)
-    from corrector import load_corrector  # a few milliseconds that only a model with one costs
+    from corrector.field import load_corrector  # a few milliseconds that only a model with one costs
 
     return Predictor(simulator, model, corrector=load_corrector(model))
 
@@ -59,7 +60,7 @@ def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:
     """Return a line on each design that the model's corrector declines, and why: its motions are the simulator's."""
     if model.corrector is None:
         return []
-    from corrector import load_corrector
+    from corrector.field import load_corrector
 
     corrector, lines = load_corrector(model), []
     for name, design in {design.name: design for design in designs}.items():
@@ -105,27 +106,20 @@ class WithMuscleStates:
         return [shape.points[0] for shape in self.last]
 
 
-def laced_motions(predictor: Predictor, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
-    """Return the motions of a predictor; contraction and tension where its simulator knows them. A motion that diverged
-    holds NaN."""
+def laced_motions(predictor: Predictor, cases: Sequence[Case], times: Sequence[Array] | None) -> list[Motion]:
+    """Return the motions of a predictor, or without times its shapes at rest, as motions of one frame at the end of the
+    pressures; contraction and tension where its simulator knows them. A motion that diverged holds NaN."""
     kept = WithMuscleStates(predictor.simulator) if knows_muscles(predictor.simulator) else None
     predictor = predictor if kept is None else replace(predictor, simulator=kept)
-    motions = predictor.motions(cases, times)
-    laced = []
-    for k, (case, at, points) in enumerate(zip(cases, times, motions, strict=True)):
-        seen = seen_at(predictor.case(case), at) if predictor.sensing else at
-        laced.append(_motion(case, at, points, kept.last[k] if kept else None, seen))
-    return laced
-
-
-def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[Motion]:
-    """Return the shapes at rest, as motions of one frame at the end of the pressures."""
-    kept = WithMuscleStates(forward) if knows_muscles(forward) else None
-    shapes = forward_model(kept or forward, model).equilibria(cases)
-    return [
-        _motion(case, np.array([case.program.duration]), points[None], kept.last[k] if kept else None, np.zeros(1))
-        for k, (case, points) in enumerate(zip(cases, shapes, strict=True))
-    ]
+    if times is None:
+        motions = [shape[None] for shape in predictor.equilibria(cases)]
+        times, seen = [np.array([case.program.duration]) for case in cases], [np.zeros(1)] * len(cases)
+    else:
+        motions, seen = predictor.motions(cases, times), [*times]
+        if predictor.sensing:
+            seen = [seen_at(predictor.case(case), at) for case, at in zip(cases, times, strict=True)]
+    states = kept.last if kept else [None] * len(cases)
+    return [_motion(*one) for one in zip(cases, times, motions, states, seen, strict=True)]
 
 
 def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> Motion:
@@ -195,7 +189,7 @@ def enough_points(
     coarse = forward(POINTS_PER_SIDE)
     # the fine one first: room is then made once
     both = [forward_model(simulator, model).motions(cases, times) for simulator in (fine, coarse)]
-    apart = [_rms(a, b) for a, b in zip(*both, strict=True)]
+    apart = [float(np.nan_to_num(rms(a - b), nan=np.inf)) for a, b in zip(*both, strict=True)]  # inf: it diverged
     calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < GRID_ERROR)
     for trial, off in zip(tried, apart, strict=True):
         points = POINTS_PER_SIDE if off < GRID_ERROR else model.points_per_side
@@ -210,21 +204,13 @@ def enough_points(
 def _driven(trials: Sequence[Trial]) -> list[Trial]:
     """Return for each design that many trials have the trial with the highest pressures: the mean over channels of the
     highest of each."""
-    designs: list[tuple[Design, list[Trial]]] = []
+    designs: list[Design] = []
     for trial in trials:
-        trials_of = next((trials_of for design, trials_of in designs if design == trial.design), None)
-        if trials_of is None:
-            designs.append((trial.design, [trial]))
-        else:
-            trials_of.append(trial)
+        if trial.design not in designs:
+            designs.append(trial.design)
+    groups = [[trial for trial in trials if trial.design == design] for design in designs]
 
     def drive(trial: Trial) -> float:
         return float(trial.program.pressure.max(axis=0).mean()) if trial.design.channels else 0.0
 
-    return [max(trials_of, key=drive) for _, trials_of in designs if len(trials_of) >= _FEWEST]
-
-
-def _rms(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    """Return the RMS [m]; infinite where a motion diverged."""
-    square = float(np.mean(np.square(a - b).sum(axis=2)))
-    return float(np.sqrt(square)) if np.isfinite(square) else float("inf")
+    return [max(group, key=drive) for group in groups if len(group) >= _FEWEST]

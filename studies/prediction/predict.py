@@ -19,10 +19,11 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import new_folder
 from fabdesign.runtime.effort import batches, require_motion
 from fabdesign.units import in_mm
-from studies.intervals.band import bands
-from studies.prediction.forward_model import forward_model, laced_motions, laced_rests, sensed_model
+from studies.intervals.calibrate import bands
+from studies.prediction.forward_model import forward_model, laced_motions, sensed_model
 
 AT_ONCE = 32  # motions in memory
+_DIVERGED = "the motion diverged at {:.3f} s"
 
 
 def frame_times(
@@ -44,15 +45,17 @@ def frame_times(
 def require_motions(
     forward: ForwardModel,
     cases: Sequence[Case],
-    times: Sequence[NDArray[np.float64]],
+    times: Sequence[NDArray[np.float64]] | None,
     *,
     model: Model | None = None,
 ) -> list[Motion]:
-    """Return the motion of each case with its muscles, without sensing effects. Raises InputError for a model with a
-    part that cannot be used, SimulationError where a motion diverges."""
+    """Return the motion of each case with its muscles, without sensing effects; without times its shape at rest, as a
+    motion of one frame. Raises InputError for a model with a part that cannot be used, SimulationError where a motion
+    diverges, or no shape was found."""
     motions = laced_motions(forward_model(forward, model), cases, times)
+    lost = "no shape at rest was found" if times is None else _DIVERGED
     for case, motion in zip(cases, motions, strict=True):
-        _require_finite(motion.points, motion.time, case.design.name, _on_grid(forward, case.design))
+        _require_finite(motion, case.design.name, lost, _on_grid(forward, case.design))
     return motions
 
 
@@ -90,7 +93,7 @@ def predicted(
         times = [trial.times for trial in batch]
         motions = laced_motions(full, cases[part], times)
         for trial, motion in zip(batch, motions, strict=True):
-            _require_finite(motion.points, motion.time, str(trial.file), _on_grid(forward, trial.design))
+            _require_finite(motion, str(trial.file), _DIVERGED, _on_grid(forward, trial.design))
         around = bands(full, coarse or forward, cases[part], times, [motion.points for motion in motions])
         for trial, motion, band in zip(batch, motions, around, strict=True):
             yield trial, replace(motion, band=band)
@@ -125,22 +128,11 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
     return folders
 
 
-def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[Motion]:
-    """Return the shape of each case at rest with its muscles, as a motion of one frame. Raises InputError like
-    `require_motions`, SimulationError where none was found."""
-    shapes = laced_rests(forward, model, cases)
-    for case, shape in zip(cases, shapes, strict=True):
-        if not np.isfinite(shape.points).all():
-            grid = _on_grid(forward, case.design)
-            raise SimulationError(f"{case.design.name}: no shape at rest was found{grid}; nothing written")
-    return shapes
-
-
-def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str, grid: str) -> None:
-    lost = ~np.isfinite(points).all(axis=(1, 2))
-    if lost.any():
-        at = times[int(np.argmax(lost))]
-        raise SimulationError(f"{what}: the motion diverged at {at:.3f} s{grid}; nothing written")
+def _require_finite(motion: Motion, what: str, lost: str, grid: str) -> None:
+    """Raise SimulationError for a motion that holds NaN. lost: what that means, by the first such time [s]."""
+    sound = np.isfinite(motion.points).all(axis=(1, 2))
+    if not sound.all():
+        raise SimulationError(f"{what}: {lost.format(motion.time[np.argmin(sound)])}{grid}; nothing written")
 
 
 def _on_grid(forward: ForwardModel, design: Design) -> str:

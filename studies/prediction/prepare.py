@@ -4,10 +4,9 @@ its own. `python -m studies.prediction.prepare PART` compiles one."""
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
@@ -31,28 +30,24 @@ def prepare(say: Callable[[str], None] = lambda _: None) -> float:
     Does no harm where all is compiled, or where another process compiles the same. Raises SimulationError.
     """
     begun = time.monotonic()
-    done = 0
-    lock = threading.Lock()
     seconds = 80 / min(cores(), 2)
     say(f"compiling the simulator, once on this machine: about {seconds:.0f} s (10 s where it is compiled)")
-
-    def run(part: str) -> None:
-        nonlocal done
-        command = [sys.executable, "-m", "studies.prediction.prepare", part]
-        path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
-        environment = os.environ | {"PYTHONPATH": path} | LANES.get(part, {})
-        ended = subprocess.run(command, capture_output=True, text=True, env=environment)
-        if ended.returncode:
-            why = (ended.stderr.strip() or f"exit status {ended.returncode}").splitlines()[-1]
-            raise SimulationError(f"compiling the {part} failed: {why}")
-        with lock:
-            done += 1
-            say(f"compiled {done} of {len(PARTS)}: {part}")
-
     with ThreadPoolExecutor(min(cores(), len(PARTS))) as pool:
-        for _ in pool.map(run, PARTS):
-            pass
+        running = {pool.submit(_compile, part): part for part in PARTS}
+        for done, ended in enumerate(as_completed(running), start=1):
+            ended.result()
+            say(f"compiled {done} of {len(PARTS)}: {running[ended]}")
     return time.monotonic() - begun
+
+
+def _compile(part: str) -> None:
+    command = [sys.executable, "-m", "studies.prediction.prepare", part]
+    path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"PYTHONPATH": path} | LANES.get(part, {})
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if ended.returncode:
+        why = (ended.stderr.strip() or f"exit status {ended.returncode}").splitlines()[-1]
+        raise SimulationError(f"compiling the {part} failed: {why}")
 
 
 def _case(*effects: Term) -> Case:

@@ -35,14 +35,15 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
     """Return of one output Sobol indices and Morris' mu* with their 90 % intervals, the largest on top."""
     names, groups = result.inputs.names, result.inputs.groups
     panels: list[Any] = []  # names, what is shown, by what they are sorted, bars, diamonds
-    if sobol := result.sobol[column]:
-        bars = [(0.2, sobol.total, sobol.total90, TOTAL, "total")]
-        bars.append((-0.2, sobol.first, sobol.first90, FIRST, "first order"))
-        panels.append(([*groups], "Sobol index, share of the variance", sobol.total, bars, None))
-    if morris := result.screenings[column]:
-        bars = [(0.0, morris.mu_star, morris.mu_star90, TOTAL, "mu*")]
+    measured = {method: each[column] for method, each in result.measures.items()}
+    if sobol := measured.get("sobol"):
+        bars = [(0.2, sobol["total"], sobol["total_interval90"], TOTAL, "total")]
+        bars.append((-0.2, sobol["first"], sobol["first_interval90"], FIRST, "first order"))
+        panels.append(([*groups], "Sobol index, share of the variance", sobol["total"], bars, None))
+    if morris := measured.get("morris"):
+        bars = [(0.0, morris["mu_star"], morris["interval90"], TOTAL, "mu*")]
         what = f"Morris effect over the whole range, {result.watched[column].unit}"
-        panels.append((names, what, morris.mu_star, bars, morris.sigma))
+        panels.append((names, what, morris["mu_star"], bars, morris["sigma"]))
     wide = 3.6 + 0.08 * max(map(len, [*names, *groups]))  # inches: the longest name beside bars with room for the title
     size = wide * len(panels), 1.5 + 0.32 * max(len(names), len(groups))
     figure = Figure(figsize=size, layout="constrained")

@@ -4,10 +4,10 @@ scipy.stats.sobol_indices has the same Sobol estimators (the tests compare), but
 here rows with a failed sample are left out, and a sweep may end early. SALib has the same too, but no input both alone
 and in a group, and it would bring pandas and multiprocess."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Annotated, Any, ClassVar, TypeVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from scipy.stats import binomtest
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled, by_name
-from fabdesign.formats.schema import Key
 from fabdesign.nouns.array import Array
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.prediction.stability import snaps
@@ -26,29 +25,14 @@ RESAMPLES = 500
 INTERVAL = 5.0, 95.0  # percentiles of a 90 % interval
 
 
-@dataclass(frozen=True, eq=False)
-class Screening:
-    """Morris: elementary effects, changes of the output over an input's whole range. (inputs,) each."""
-
-    mu_star: Array  # mean of their absolute values (Campolongo et al. 2007)
-    mu_star90: Annotated[Array, Key("interval90")]  # (inputs, 2)
-    mean: Annotated[Array, Key("mu")]
-    sigma: Array  # their standard deviation: from interactions and curvature
+Measures = dict[str, Array]  # (n,) each by its key in result.json, intervals (n, 2)
 
 
-@dataclass(frozen=True, eq=False)
-class Indices:
-    """Sobol indices, (groups,) each: shares of the output's variance."""
-
-    first: Array
-    first90: Annotated[Array, Key("first_interval90")]  # (groups, 2)
-    total: Array
-    total90: Annotated[Array, Key("total_interval90")]
-
-
-def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
-    """Return the screening by two trajectories or more (count, inputs + 1, inputs) and their outputs (count, inputs +
-    1), all finite."""
+def screening(paths: Array, values: Array, *, seed: int = 0) -> Measures:
+    """Return Morris' measures by two trajectories or more (count, inputs + 1, inputs) and their outputs (count,
+    inputs + 1), all finite. Of elementary effects, changes of the output over an input's whole range: mu_star, mean of
+    their absolute values (Campolongo et al. 2007), its interval, mu, their mean, and sigma, their standard deviation:
+    from interactions and curvature."""
     steps = np.diff(paths, axis=1)
     moved = np.abs(steps).argmax(axis=2)  # (count, inputs): which input
     sign = np.sign(np.take_along_axis(steps, moved[..., None], axis=2)[..., 0])
@@ -56,14 +40,20 @@ def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
     np.put_along_axis(effects, moved, np.diff(values, axis=1) * sign / STEP, axis=1)
     size = np.abs(effects)
     resampled = np.array([size[pick].mean(axis=0) for pick in _picks(len(size), seed)])
-    return Screening(size.mean(axis=0), _interval(resampled), effects.mean(axis=0), effects.std(axis=0, ddof=1))
+    return {
+        "mu_star": size.mean(axis=0),
+        "interval90": _interval(resampled),
+        "mu": effects.mean(axis=0),
+        "sigma": effects.std(axis=0, ddof=1),
+    }
 
 
-def indices(values: Array, *, seed: int = 0) -> Indices:
-    """Return the indices by the outputs (rows, 2 + groups) of `saltelli_rows`, all finite and not all equal."""
-    first, total = _indices(values)
+def indices(values: Array, *, seed: int = 0) -> Measures:
+    """Return Sobol indices, shares of the output's variance, and their intervals by the outputs (rows, 2 + groups) of
+    `saltelli_rows`, all finite and not all equal."""
     resampled = np.array([_indices(values[pick]) for pick in _picks(len(values), seed)])
-    return Indices(first, _interval(resampled[:, 0]), total, _interval(resampled[:, 1]))
+    (first, total), (first90, total90) = _indices(values), map(_interval, np.moveaxis(resampled, 1, 0))
+    return {"first": first, "first_interval90": first90, "total": total, "total_interval90": total90}
 
 
 def _indices(values: Array) -> tuple[Array, Array]:
@@ -82,7 +72,6 @@ def _interval(resampled: Array) -> Array:
     return np.percentile(resampled, INTERVAL, axis=0).T
 
 
-Measured = TypeVar("Measured", Screening, Indices)
 FEWEST = {"morris": 4, "sobol": 8}  # whole rows or trajectories under which nothing is said
 WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
 ROWS = {"morris": "trajectories", "sobol": "rows"}
@@ -142,26 +131,21 @@ class SensitivityResult(Tabled):
                 raise SimulationError(f"{self.study.name}: {rows}, {why}; expected at least {FEWEST[method]}")
 
     @cached_property
-    def screenings(self) -> list[Screening | None]:
-        """Return the screening by column; None where it does not vary."""
-        return self._measured("morris", partial(screening, seed=self.study.seed))
+    def measures(self) -> dict[str, list[Measures]]:
+        """Return by method what it measures of each column, of its sound rows; nothing of one that does not vary."""
+        return {
+            method: [self._measured(method, k, column.least) for k, column in enumerate(self.watched)]
+            for method in self.computed
+        }
 
-    @cached_property
-    def sobol(self) -> list[Indices | None]:
-        """Return the indices by column; None where it does not vary."""
-        return self._measured("sobol", lambda _, values: indices(values, seed=self.study.seed))
-
-    def _measured(self, method: str, measure: Callable[[Array, Array], Measured]) -> list[Measured | None]:
-        """Return a method's measure of each column that varies, of its sound rows: their points and outputs."""
-        samples = self.computed.get(method)
-        if samples is None:
-            return [None] * len(self.watched)
-        cube, outputs = samples.cube[: len(samples.outputs)][samples.sound], samples.outputs[samples.sound]
-        spread = np.std(outputs[:, : 2 if method == "sobol" else None], axis=(0, 1))
-        return [
-            measure(cube, outputs[..., k]) if spread[k] >= column.least else None
-            for k, column in enumerate(self.watched)
-        ]
+    def _measured(self, method: str, k: int, least: float) -> Measures:
+        samples = self.computed[method]
+        outputs = samples.outputs[samples.sound][..., k]
+        if np.std(outputs[:, : 2 if method == "sobol" else None]) < least:
+            return {}
+        if method == "sobol":
+            return indices(outputs, seed=self.study.seed)
+        return screening(samples.cube[: len(samples.outputs)][samples.sound], outputs, seed=self.study.seed)
 
     @property
     def samples(self) -> int:
@@ -174,10 +158,6 @@ class SensitivityResult(Tabled):
     @property
     def snapping(self) -> int:
         return int(snaps(self.moves).sum())
-
-    @property
-    def many_snap(self) -> bool:
-        return self.snapping > MANY_SNAP * len(self.moves)
 
     @property
     def sentences(self) -> list[str]:
@@ -207,26 +187,18 @@ class SensitivityResult(Tabled):
             share = f"90 % interval of the share: {low:.0%} to {high:.0%}"
             snap = f"{self.snapping} of {len(self.moves)} checked samples snap: pressures 2 % off lead to another "
             snap += f"stable shape ({share})."
-            texts.append(
-                (snap + (" So the indices depend partly on chance." if self.many_snap else ""), self.many_snap)
-            )
-        still = [c.name for c, s, i in zip(self.watched, self.screenings, self.sobol, strict=True) if not s and not i]
+            many = self.snapping > MANY_SNAP * len(self.moves)
+            texts.append((snap + " So the indices depend partly on chance." * many, many))
+        still = [c.name for c, *each in zip(self.watched, *self.measures.values(), strict=True) if not any(each)]
         if still:
             texts.append((f"No varied parameter changes {', '.join(still)}.", False))
-        widest = max((float(np.ptp(i.total90, axis=1).max()) for i in self.sobol if i is not None), default=0.0)
+        ends = [of["total_interval90"] for of in self.measures.get("sobol", ()) if of]
+        widest = max((float(np.ptp(each, axis=1).max()) for each in ends), default=0.0)
         if widest > WIDE:
             count = len(self.computed["sobol"].outputs)
             wide = f"The 90 % intervals of total Sobol indices are up to {widest:.2g} wide: {count} rows are too few "
             texts.append((wide + "to rank parameters by them; more `samples` narrow them.", True))
         return texts
-
-    def spread(self, column: int) -> dict[str, float]:
-        """Return the mean, standard deviation and 90 % interval of an output over independent samples."""
-        samples = self.computed.get("sobol") or self.computed["morris"]
-        sound = samples.outputs[samples.sound][..., column]
-        values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]
-        low, high = np.percentile(values, INTERVAL)
-        return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}
 
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
@@ -243,24 +215,30 @@ class SensitivityResult(Tabled):
             [
                 {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
                 for output, entry in self.outputs.items()
-                for method in FEWEST
+                for method in self.measures
                 for name, numbers in entry.get(method, {}).items()
             ]
         )
 
     @cached_property
     def outputs(self) -> dict[str, dict[str, Any]]:
-        """Return the unit of each output, its spread, and its measures by parameter."""
+        """Return the unit of each output, its mean, standard deviation and 90 % interval, and its measures by
+        parameter."""
         return {column.name: self._output(k) for k, column in enumerate(self.watched)}
 
     def _output(self, k: int) -> dict[str, Any]:
-        entry: dict[str, Any] = {"unit": self.watched[k].unit, **self.spread(k)}
-        measured = {"morris": (self.screenings[k], self.inputs.names), "sobol": (self.sobol[k], self.inputs.groups)}
-        for method, (measure, names) in measured.items():
-            if measure is not None:
-                columns = plain(measure)
+        samples = self.computed.get("sobol") or self.computed["morris"]
+        sound = samples.outputs[samples.sound][..., k]
+        values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]  # those that are independent
+        low, high = np.percentile(values, INTERVAL).tolist()
+        entry: dict[str, Any] = {"unit": self.watched[k].unit, "mean": float(values.mean())}
+        entry |= {"std": float(values.std()), "low90": low, "high90": high}
+        names = {"morris": self.inputs.names, "sobol": self.inputs.groups}
+        for method, each in self.measures.items():
+            if columns := plain(each[k]):
+                rows = zip(*columns.values(), strict=True)
                 entry[method] = {
-                    name: {key: values[i] for key, values in columns.items()} for i, name in enumerate(names)
+                    name: dict(zip(columns, row, strict=True)) for name, row in zip(names[method], rows, strict=True)
                 }
         return entry
 

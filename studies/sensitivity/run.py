@@ -131,58 +131,57 @@ def run_sensitivity(
     with run.folder(out, "sensitivity", [study.target.file] if study.target else []) as work:
         content = sweep_content(study, None if target is None else target.points)
         with Samples.of_work(work, FILE, content) as store:
+            forward = simulator(study.points_per_side, study) if forward is None else forward
             result = _Sweep(study, target, store, forward, progress, on_interrupt).run()
         with work.adding() as files:
             write_report(result, files)
     return result
 
 
+@dataclass
 class _Sweep:
-    def __init__(
-        self,
-        study: SensitivityStudy,
-        target: LoadedTarget | None,
-        store: Samples,
-        forward: ForwardModel | None,
-        progress: Callable[[Progress], None],
-        on_interrupt: Literal["raise", "end"],
-    ) -> None:
-        self._on_interrupt, self._interrupted = on_interrupt, False
-        self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
-        if forward is None:
-            forward = simulator(study.points_per_side, study)
+    """The samples of a study, which are computed into its store."""
+
+    study: SensitivityStudy
+    target: LoadedTarget | None
+    store: Samples
+    simulator: ForwardModel
+    progress: Callable[[Progress], None]
+    on_interrupt: Literal["raise", "end"]
+    interrupted: bool = False
+
+    def __post_init__(self) -> None:
+        study, forward, self.inputs = self.study, self.simulator, Inputs(self.study)
         tensions = "largest_tension" in study.outputs
         if tensions and not knows_muscles(forward):
             raise InputError(f"largest_tension: {type(forward).__name__} knows no tensions; expected the simulator")
         self._tensions = WithMuscleStates(forward) if tensions else None
-        bare = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
-        self._forward = replace(forward_model(self._tensions or forward, study.model), model=bare)
-        self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at, study.functions)
+        predictor = forward_model(self._tensions or forward, study.model)
+        self._forward = replace(predictor, model=Model())  # a case brings all of it
+        rest, fabric = self._at_rest(), study.design.fabric
+        self.outputs = Outputs(study.outputs, fabric, rest, self.target, study.at, study.functions)
 
     def run(self) -> SensitivityResult:
-        study, computed = self.study, {}
-        parts = {}
+        study, computed, parts = self.study, {}, {}
         if "morris" in study.methods:
             parts["morris"] = trajectories(len(self.inputs.names), study.trajectories, study.seed)
         if "sobol" in study.methods:
             groups = [*self.inputs.groups.values()]
             parts["sobol"] = saltelli_rows(len(self.inputs.names), groups, study.samples, study.seed)
         checked = self._checked(parts)
-        total = sum(cube.shape[0] * cube.shape[1] for cube in parts.values()) + 3 * len(checked)
-        self._total, self._done, self._begun, self._computed = total, 0, working_time.seconds(), 0
+        self._total = sum(cube.shape[0] * cube.shape[1] for cube in parts.values()) + 3 * len(checked)
+        self._done, self._begun, self._computed = 0, working_time.seconds(), 0
         in_time = True
         for part, cube in parts.items():
             values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), part)
-            samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.of(part)
+            samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self.store.of(part)
             in_time = in_time and len(samples) >= len(values)
-            shape = cube.shape[:2]
-            computed[part] = Computed(
-                cube, values.reshape(cube.shape), _filled(samples, shape, len(self.outputs.columns))
-            )
+            outputs = _filled(samples, cube.shape[:2], len(self.outputs.columns))
+            computed[part] = Computed(cube, values.reshape(cube.shape), outputs)
         snapping = f"snapping of {[*parts][-1]}"
-        moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self._store.of(snapping)
-        wall, cpu = self._store.spent
-        if self._interrupted:  # a part of which nothing is there says nothing; the others do
+        moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self.store.of(snapping)
+        wall, cpu = self.store.spent
+        if self.interrupted:  # a part of which nothing is there says nothing; the others do
             computed = {part: samples for part, samples in computed.items() if len(samples.outputs)}
         if not computed:
             raise KeyboardInterrupt
@@ -193,7 +192,7 @@ class _Sweep:
             computed=computed,
             moves=np.array([moves[k] for k in sorted(moves)]).reshape(-1, 2),
             complete=in_time and len(moves) >= len(checked),
-            interrupted=self._interrupted,
+            interrupted=self.interrupted,
             wall_s=wall,
             cpu_s=cpu,
         )
@@ -211,25 +210,25 @@ class _Sweep:
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
     ) -> dict[int, Array]:
         """Return what the store has of a part, with what is missing computed, as long as there is time."""
-        done = self._store.of(part)
+        done = self.store.of(part)
         missing = [k for k in range(len(values)) if k not in done]
         self._done += cases * (len(values) - len(missing))
         self._say(part)
         at_once = max(1, machines(BATCH) // cases)
         for begin in range(0, len(missing), at_once):
-            if self.study.seconds is not None and self._store.spent[0] >= self.study.seconds:
+            if self.study.seconds is not None and self.store.spent[0] >= self.study.seconds:
                 break
             numbers = missing[begin : begin + at_once]
             wall, cpu = working_time.seconds(), working_time.processor.seconds()
             try:
                 new = compute(values[numbers])
             except KeyboardInterrupt:
-                if self._on_interrupt == "raise":
+                if self.on_interrupt == "raise":
                     raise
-                self._interrupted = True
+                self.interrupted = True
                 break
             added = dict(zip(numbers, new, strict=True))
-            self._store.add(part, added, wall=working_time.seconds() - wall, cpu=working_time.processor.seconds() - cpu)
+            self.store.add(part, added, wall=working_time.seconds() - wall, cpu=working_time.processor.seconds() - cpu)
             done |= added
             self._done += cases * len(numbers)
             self._computed += cases * len(numbers)
@@ -239,7 +238,7 @@ class _Sweep:
     def _say(self, part: str) -> None:
         pace = (working_time.seconds() - self._begun) / self._computed if self._computed else None
         remaining = None if pace is None else pace * (self._total - self._done)
-        self._progress(Progress(part, self._done, self._total, remaining))
+        self.progress(Progress(part, self._done, self._total, remaining))
 
     def _outputs_of(self, values: Array) -> list[Array]:
         frames = self._shapes([self.inputs.case(row) for row in values])

@@ -11,7 +11,6 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
 from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -22,7 +21,7 @@ from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, moved_paths
 from fabdesign.study_files.study_targets import ShapeOutput, read_shape_output
 from fabdesign.units import from_kpa, in_mm
-from studies.layout_search.target import LoadedTarget
+from optimize.search.objective import Objective, Target
 
 JOINT = "covariance"  # the group of all that the model's covariance covers
 WITHIN = 0.90  # of a normal distribution, what Morris' levels span
@@ -39,11 +38,11 @@ class Inputs:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        return (*(v.name for v in self.study.varied), *(f"{JOINT}: {name}" for name in self._joint))
+        return (*(v.name for v in self.study.varied), *(f"{JOINT}: {name}" for name in self._ensemble.names))
 
     @property
     def units(self) -> tuple[str, ...]:
-        return (*(v.unit for v in self.study.varied), *["standard deviations"] * len(self._joint))
+        return (*(v.unit for v in self.study.varied), *["standard deviations"] * self._ensemble.size)
 
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
@@ -52,13 +51,10 @@ class Inputs:
         together = tuple(range(len(self.study.varied), len(self.names)))
         return single | ({JOINT: together} if len(together) > 1 else {})
 
-    @property
-    def _joint(self) -> tuple[str, ...]:
-        return self._ensemble.names if self.study.joint else ()
-
     @cached_property
     def _ensemble(self) -> Ensemble:
-        return Ensemble(self.study.model or Model())
+        model = self.study.model or Model()
+        return Ensemble(model if self.study.joint else replace(model, covariance=None))
 
     def values(self, cube: Array, part: str) -> Array:
         """Return (n, inputs) in their units, of points of the unit cube; for the part "morris" its edges are those of a
@@ -71,10 +67,7 @@ class Inputs:
     def case(self, values: Array, spread: Array | None = None) -> Case:
         """Return the case of (inputs,) values. spread: (channels,) factors on the pressures."""
         study, given = self.study, dict(zip(self.study.varied, values, strict=False))
-        model = study.model or Model()
-        if study.joint:
-            model = self._ensemble.at(values[len(given) :])
-        pressures = study.pressures.copy()
+        model, pressures = self._ensemble.at(values[len(given) :]), study.pressures.copy()
         for v, x in given.items():
             if v.kind == "pressure":
                 pressures[int(v.key[0])] = from_kpa(x)
@@ -139,7 +132,7 @@ class Outputs:
     names: tuple[str, ...]
     fabric: Fabric
     rest: Array
-    target: LoadedTarget | None = None
+    target: Target | None = None
     at: tuple[float, ...] = ()
     functions: Mapping[str, Output] = field(default_factory=dict)
 
@@ -174,23 +167,13 @@ class Outputs:
                     values.append(mean_curvature(points))
                 elif name == "chamfer":
                     assert self.target is not None
-                    values.append(in_mm(_distance(self.target, points)))
+                    values.append(in_mm(Objective((self.target,)).value(points[None])))
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))
         time, lost = np.array(self.at or (0.0,)), not np.isfinite(frames).all()
         values += [np.nan if lost else float(function(time, frames)) for function in self.functions.values()]
         return np.array(values)
-
-
-def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
-    """Return the distance [m]."""
-    if target.landmarks is not None:
-        return target.landmarks.mean(points)
-    target = target.beside(np.asarray(points, float))
-    if target.markers:
-        return distance_to_faces(target.points, points, target.face, target.weighting)
-    return chamfer_to(points, target.face, target.weighting).of(target.points)
 
 
 LEVELS = 4  # of Morris' grid

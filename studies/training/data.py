@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
@@ -68,40 +67,32 @@ class TrialSplit(NamedTuple):
     used: UsedFrames
 
 
-def choose(
-    sets: Sequence[MeasurementSet],
-    base: Model,
-    *,
-    hold_out: Collection[str] = (),
-    kept_back: float,
-    seed: int,
-    coarse: ForwardModel | None = None,
-) -> TrialSplit:
+def choose(sets: Sequence[MeasurementSet], options: TrainingOptions) -> TrialSplit:
     """Return trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the
     share `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
-    are used (coarse: as `studies.prediction.evaluate` takes it). A trial without a frame that is used is in neither.
+    are used. A trial without a frame that is used is in neither.
 
     Raises InputError for a design that no set has, and where nothing or too little is left.
     """
     known = sorted({trial.design_name for measured in sets for trial in measured.trials})
-    for name in hold_out:
+    for name in options.hold_out:
         if name not in known:
             raise InputError(f"--hold-out {name}: no such design; the sets have {', '.join(known)}")
     learned: list[Chosen] = []
     held: list[Chosen] = []
     fitting = [[trial for trial in measured.trials if trial.role == "fit"] for measured in sets]
-    used = find_used_frames([*zip(sets, fitting, strict=True)], coarse)
+    used = find_used_frames([*zip(sets, fitting, strict=True)], options.coarse)
     for k, (measured, every) in enumerate(zip(sets, fitting, strict=True)):
         flags = {trial.name: used.at(measured, trial) for trial in every}
         fit = [trial for trial in every if flags[trial.name].any()]
-        rest = [trial for trial in fit if trial.design_name not in hold_out]
-        sides = (rest, [t for t in fit if t.design_name in hold_out])
-        if rest and kept_back > 0:
-            parts = split(rest, kept_back, seed=seed)
+        rest = [trial for trial in fit if trial.design_name not in options.hold_out]
+        sides = (rest, [t for t in fit if t.design_name in options.hold_out])
+        if rest and options.kept_back > 0:
+            parts = split(rest, options.kept_back, seed=options.seed)
             sides = (list(parts.fit), [*parts.held_out, *sides[1]])
         for side, trials in zip((learned, held), sides, strict=True):
             side += [
-                Chosen(f"{measured.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, base), flags[t.name])
+                Chosen(f"{measured.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, options.base), flags[t.name])
                 for t in trials
             ]
     if not learned:
@@ -177,25 +168,30 @@ class KeptMotions:
         for part in batches([2 * len(self.times(chosen)) for chosen in missing], _AT_ONCE):
             batch = missing[part]
             for chosen, motion in zip(batch, self._simulated(batch), strict=True):
-                self.checkpoint.arrays(self._name(chosen), partial(dict, motion))
+                self._kept(chosen, motion)
             done += len(batch)
             self.progress("simulated", done, len(trials))
 
     def of(self, trials: Sequence[Chosen]) -> list[NDArray[np.float32]]:
         """Return (U, 2 n, 3) m of each."""
         self.simulate(trials)
-        return [self.checkpoint.arrays(self._name(c), partial(self._again, c))["points"] for c in trials]
+        return [self._kept(chosen) for chosen in trials]
 
-    def _again(self, chosen: Chosen) -> Arrays:
-        return self._simulated([chosen])[0]
+    def _kept(self, chosen: Chosen, motion: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+        """Return what is kept of a trial; else keep its motion first, simulated where it is not given."""
+
+        def arrays() -> Arrays:
+            return {"points": self._simulated([chosen])[0] if motion is None else motion}
+
+        return self.checkpoint.arrays(self._name(chosen), arrays)["points"]
 
     def _name(self, chosen: Chosen) -> str:
         return f"motion_{chosen.key}-{len(self.times(chosen))}-{len(self.history)}"
 
-    def _simulated(self, some: Sequence[Chosen]) -> list[Arrays]:
+    def _simulated(self, some: Sequence[Chosen]) -> list[NDArray[np.float32]]:
         wanted = [with_history(self.times(chosen), self.history)[0] for chosen in some]
         simulated = self.forward.motions([chosen.case for chosen in some], wanted)
         for chosen, motion in zip(some, simulated, strict=True):
             if not np.isfinite(motion).all():
                 raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
-        return [{"points": motion} for motion in simulated]
+        return simulated

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from corrector.field import load_corrector, write_weights
+from corrector.field import Regression, load_corrector, write_weights
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors
@@ -27,15 +27,8 @@ from studies.intervals.calibrate import with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
 from studies.prediction.evaluate import errors_of
-from studies.training.data import (
-    Chosen,
-    KeptMotions,
-    Progress,
-    TrainingOptions,
-    case_of,
-    choose,
-    fitted_base,
-)
+from studies.training.data import Chosen, KeptMotions, Progress, TrainingOptions, case_of, choose, fitted_base
+from studies.training.networks import train_field, train_paper
 
 ALGORITHM = 17  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 
@@ -105,12 +98,10 @@ def train_on(
     stopped there, and the folder goes when all is done.
     Raises InputError, also for a folder of another training unless `force`, SimulationError where a motion diverges.
     """
-    base, seed, coarse = options.base.without(["corrector"]), options.seed, options.coarse
+    base = options.base.without(["corrector"])
     train_network, plan = _network(options)
     options = replace(options, base=base, plan=plan)
-    learned, held, used = choose(
-        sets, base, hold_out=options.hold_out, kept_back=options.kept_back, seed=seed, coarse=coarse
-    )
+    learned, held, used = choose(sets, options)
     sensed = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
     folder = goes_to.with_suffix(".training")
     with work_folder(folder, made_by="train") as work:
@@ -127,27 +118,21 @@ def train_on(
             corrector_hash=base.central_hash,
             provenance=_provenance(base, sets, learned, held, options),
         )
-        tested = _tested(model, held, KeptMotions(sensed, checkpoint, progress), seed) if held else {}
-        model, intervals = _with_spread(model, held, forward, coarse, progress)
+        tested = _tested(model, held, KeptMotions(sensed, checkpoint, progress), options.seed) if held else {}
+        # neither learned from, nor what the base was fitted to
+        judged = {c.trial.file: c.used for c in held if c.name not in model.provenance.fitted}
+        model, intervals = with_spread(
+            model,
+            [chosen.trial for chosen in held if chosen.trial.file in judged],
+            forward,
+            coarse=options.coarse,
+            used=lambda trial: judged[trial.file],
+            progress=lambda done, total: progress("intervals", done, total),
+        )
         write_model(model, output)
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
     return TrainingResult(model, about, tested, len(learned), _in_words(base, options.vector), used, intervals)
-
-
-def _with_spread(
-    model: Model, held: Sequence[Chosen], forward: ForwardModel, coarse: ForwardModel | None, progress: Progress
-) -> tuple[Model, str]:
-    """Return the model calibrated on the trials that were kept back and that the base was not fitted to either."""
-    used = {c.trial.file: c.used for c in held if c.name not in model.provenance.fitted}
-    return with_spread(
-        model,
-        [chosen.trial for chosen in held if chosen.trial.file in used],
-        forward,
-        coarse=coarse,
-        used=lambda trial: used[trial.file],
-        progress=lambda done, total: progress("intervals", done, total),
-    )
 
 
 def _in_words(base: Model, vector: FitVector | None) -> str:
@@ -160,14 +145,10 @@ def _in_words(base: Model, vector: FitVector | None) -> str:
 def _network(options: TrainingOptions) -> tuple[Callable[..., Any], Any]:
     """Return the function that trains, and how."""
     if options.network == "field":
-        from corrector.regression import Regression
-        from studies.training import field
-
-        return field.train, options.plan or Regression(seed=options.seed)
+        return train_field, options.plan or Regression(seed=options.seed)
     from corrector.paper_training import PaperTraining
-    from studies.training import paper
 
-    return paper.train, options.plan or PaperTraining.here(options.seed)
+    return train_paper, options.plan or PaperTraining.here(options.seed)
 
 
 def _content(learned: Sequence[Chosen], options: TrainingOptions) -> dict[str, str]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.shape import mean_curvature, tip
+from fabdesign.geometry.shape import Shape, mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
@@ -24,9 +24,11 @@ from fabdesign.nouns.pressure import PressureProgram, RigLimits, standard_progra
 from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR
-from studies.intervals.band import shapes_with_error
+from studies.intervals.calibrate import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
 from studies.unseen import result
+
+STEP = 0.5  # of z, in differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,11 @@ class Draws:
     @cached_property
     def _ensemble(self) -> Ensemble:
         return Ensemble(self.model)
+
+    @property
+    def steps(self) -> list[Array]:
+        """Return +STEP and -STEP of each z in turn."""
+        return [sign * STEP * row for row in np.eye(len(self.names)) for sign in (1, -1)]
 
     def case(self, z: Array, program: PressureProgram, design: Design | None = None) -> Case:
         """Return the case of (n,) z; on the design, or on another one."""
@@ -91,17 +98,16 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
         least = 1.0 if draws.unknown else 0.0  # a tolerance of the data sheet was not calibrated
         return shapes_with_error(drawn, shapes[-1], predicted, spread, unsewn.design.fabric, rng, least=least)
 
-    return [
-        _pose(
-            unsewn, pose, shapes[k * each : k * each + len(zs)], shapes[k * each + len(zs) : (k + 1) * each], with_error
-        )
-        for k, pose in enumerate(unsewn.poses)
-    ]
+    by_pose = [shapes[k * each : (k + 1) * each] for k in range(len(unsewn.poses))]
+    return [_pose(unsewn, pose, some, with_error) for pose, some in zip(unsewn.poses, by_pose, strict=True)]
 
 
 def _pose(
-    unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array], with_error: Callable[[Array, Array], Array]
+    unsewn: Unsewn, pose: Array, shapes: list[Array], with_error: Callable[[Array, Array], Array]
 ) -> result.PoseResult:
+    """Return what there is to say of a pose's shapes: the model's own, those of drawn models, and the model's own under
+    pressures that are off to either side."""
+    *drawn, up, down = shapes
     sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
     if len(sound) < len(drawn) / 2:
         raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {in_kpa(pose)} kPa")
@@ -119,15 +125,9 @@ def _pose(
         },
         mean_curvature=_percentiles(np.array([mean_curvature(shape) for shape in sound])),
         failed=failed,
-        snaps=bool(snaps(moves(drawn[0], *off)[None])[0]),
-        middle=np.round(_column(sound), 6).tolist(),
+        snaps=bool(snaps(moves(drawn[0], up, down)[None])[0]),
+        middle=np.round(Shape(sound).middle[:, :, 20, [2, 1]], 6).tolist(),  # z and y
     )
-
-
-def _column(shapes: Array) -> Array:
-    """Return (models, 41, 2) m: z and y down the cloth's middle line."""
-    faces = shapes.reshape(len(shapes), 2, 41, 41, 3).mean(axis=1)
-    return np.asarray(faces[:, :, 20, [2, 1]])
 
 
 def _percentiles(values: Array) -> result.Percentiles:
@@ -159,7 +159,6 @@ def corrector_reach(model: Model, unsewn: Unsewn) -> result.CorrectorReach:
     return result.CorrectorReach(trust.applies, statement, trust.distance, trust.limit)
 
 
-STEP = 0.5  # of z, in differences
 FRAMES = 6  # of a measurement
 NOISE = 1e-3  # m a coordinate: the sensor's and what the model cannot follow
 IN_TURN = 3  # measurements that are proposed together
@@ -167,37 +166,22 @@ INDEPENDENT = 40  # points of a frame: what the model cannot follow is smooth ov
 _THIN = 8  # every so many-th point
 
 
-def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
-    """Return (values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
+def slopes(shapes: Sequence[NDArray[np.float32]], each: int) -> list[Array]:
+    """Return (values, n) m by z, of every `each` = 2 n shapes at +STEP and -STEP of each z in turn; every few
+    points."""
     flat = [np.asarray(shape[..., ::_THIN, :], float).ravel() for shape in shapes]
-    return np.stack([(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)], axis=1)
-
-
-def directions(count: int) -> list[Array]:
-    """Return +STEP and -STEP of each z in turn."""
-    return [sign * STEP * row for row in np.eye(count) for sign in (1, -1)]
-
-
-def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
-    """Return (values, n) m: B, all poses one after another."""
-    zs = directions(len(draws.names))
-    cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in zs]
-    shapes = forward.equilibria(cases)
-    return np.concatenate([slopes(shapes[k : k + len(zs)]) for k in range(0, len(shapes), len(zs))])
+    ways = [(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)]
+    return [np.stack(ways[k : k + each // 2], axis=1) for k in range(0, len(ways), each // 2)]
 
 
 def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forward: ForwardModel) -> list[Array]:
     """Return (n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
-    zs = directions(len(draws.names))
-    cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
-    times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
-    motions = forward.motions(cases, times)
-    matrices = []
-    for k in range(0, len(motions), len(zs)):
-        a = slopes(motions[k : k + len(zs)])
-        points = len(a) / 3 / FRAMES
-        matrices.append(a.T @ a * (INDEPENDENT / points) / NOISE**2)
-    return matrices
+    cases = [draws.case(z, c.program, c.design) for c in candidates for z in draws.steps]
+    times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in draws.steps]
+    return [
+        a.T @ a * (INDEPENDENT / (len(a) / 3 / FRAMES)) / NOISE**2
+        for a in slopes(forward.motions(cases, times), len(draws.steps))
+    ]
 
 
 def spread(b: Array, covariance: Array) -> float:
@@ -226,23 +210,24 @@ def measurement(
     unsewn: Unsewn, draws: Draws, forward: ForwardModel, candidates: Sequence[CandidateMeasurement]
 ) -> result.Measurement:
     """Return what each measurement would leave of the shapes' spread, and which tell most together."""
-    b, by_name = pose_slopes(unsewn, draws, forward), {candidate.name: candidate for candidate in candidates}
+    cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in draws.steps]
+    b = np.concatenate(slopes(forward.equilibria(cases), len(draws.steps)))  # all poses one after another
+    by_name = {candidate.name: candidate for candidate in candidates}
     gained = dict(zip(by_name, information(candidates, draws, forward), strict=True))
     gained = {name: matrix for name, matrix in gained.items() if np.isfinite(matrix).all()}
     remaining = {name: in_mm(after(b, matrix)) for name, matrix in gained.items()}
     ranked = sorted(remaining, key=lambda name: remaining[name])
-    best = by_name[ranked[0]].program if ranked else None
+    program = None
+    if ranked:
+        best = by_name[ranked[0]].program
+        program = result.SetPoints(best.time.tolist(), in_kpa(best.pressure).round(3).tolist(), best.duration)
     return result.Measurement(
         spread_mm=in_mm(spread(b, np.eye(len(draws.names)))),
         due_to_mm={name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
         candidates={name: result.RankedMeasurement(by_name[name].design.name, remaining[name]) for name in ranked},
-        program=None if best is None else _set_points(best),
+        program=program,
         in_turn_mm={name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
     )
-
-
-def _set_points(program: PressureProgram) -> result.SetPoints:
-    return result.SetPoints(program.time.tolist(), in_kpa(program.pressure).round(3).tolist(), program.duration)
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:

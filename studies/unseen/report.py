@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
-from studies.prediction.evaluation_report import ERROR_NAMES
+from studies.prediction.evaluation_report import ERROR_NAMES, draw_bars
 from studies.report import page
 from studies.study import write_result
 from studies.unseen.result import Measurement, PoseResult, UnseenResult, UnsewnResult
@@ -159,11 +159,8 @@ def _band_figure(pose: PoseResult) -> Figure:
 def _histogram_figure(sizes: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(7, 2.8), layout="constrained")
     for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
-        shown = sizes["histogram"][error]
-        for state, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
-            axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
-        axes.set(xlabel=f"{ERROR_NAMES[error]}, mm", ylabel="trials")
-        axes.yaxis.get_major_locator().set_params(integer=True)
+        draw_bars(axes, sizes["histogram"][error], {"before": "#9aa5b1", "after": "#2166ac"})
+        axes.set_xlabel(f"{ERROR_NAMES[error]}, mm")
         axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
     return figure
 

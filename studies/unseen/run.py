@@ -65,11 +65,11 @@ def run_unseen(
             forward, coarse = simulator(study.points_per_side, study), coarse or simulator(GRID)
         before = parts(progress, _UNSEWN)[0] if study.measured is not None else progress
         unsewn = unsewn_result(study, forward, checkpoint, before)
-        result = UnseenResult(study.name, study.seed, study.points_per_side, unsewn)
+        free, designs = None, None
         if study.measured is not None:
-            designs = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
-            result = replace(result, free=study.free, left_out=designs)
-        result = replace(result, wall_s=checkpoint.spent)
+            free, designs = study.free, _left_out(study, work, forward, coarse or forward, checkpoint, progress)
+        about = study.name, study.seed, study.points_per_side
+        result = UnseenResult(*about, unsewn, free, designs, checkpoint.spent)
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
     return result
@@ -99,8 +99,7 @@ def unsewn_result(
     if (unsewn := study.unsewn) is None:
         return None
     draws = prediction.Draws(unsewn.model, unsewn.design)
-    bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
-    forward = replace(forward_model(engine, unsewn.model), model=bare)
+    forward = replace(forward_model(engine, unsewn.model), model=Model())  # a case brings all of it
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses", 0.0)
     poses = checkpoint.get("poses", lambda: prediction.predicted(unsewn, draws, forward, study.samples, study.seed))
 

@@ -8,12 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from corrector.basis import Basis, anywhere, names
-from corrector.field import FieldCorrector, load_corrector
-from corrector.inputs import HISTORY, MuscleFields, fields_of, lagged
-from corrector.layout import FAR, deposits, described, distance
-from corrector.outputs import displacement_of, heights_of, weight_over_stiffness
-from corrector.regression import Examples, Regression, coefficients_of, offsets
+from corrector.basis import Basis, every_function
+from corrector.field import Examples, FieldCorrector, Regression, coefficients_of, load_corrector, offsets
+from corrector.inputs import FAR, HISTORY, deposits, described, distance, fields_of, lagged
 from corrector.shape import FINE, LocalFrames, displaced, put_together, refine, tangent_changes
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
@@ -181,17 +178,16 @@ def test_frames_that_diverged_stay_so(trained) -> None:
 
 
 def test_a_little_of_a_source_does_what_was_learned_from(trained) -> None:
-    case, layout = Case(UNSEEN, program([250, 100, 200])), MuscleFields.of(UNSEEN)
+    case, fabric = Case(UNSEEN, program([250, 100, 200])), UNSEEN.fabric
     wanted, where = with_history(TIMES, HISTORY)
     motion = Bending().motions([case], [wanted])[0]
-    basis = Basis.of(fields_of(case, layout, TIMES, motion[where]))
-    fabric, ratio = UNSEEN.fabric, weight_over_stiffness(case)
+    basis, names = Basis.of(fields_of(case, TIMES, motion[where])), every_function().names
     frames = LocalFrames.of(Shape(motion[where[0]]).middle, fabric.width, fabric.height, FINE)
-    heights = heights_of(basis, frames, fabric, ratio)
-    assert heights.shape[1] == len(names()) == len(set(names()))
-    for k in (0, names().index("strain: tension"), names().index("swing"), len(names()) - 1):
-        little = 1e-3 * (np.arange(len(names())) == k)
-        moved = displacement_of(basis.combined(little), frames, fabric, ratio)
+    heights = basis.heights(frames, case)
+    assert heights.shape[1] == len(names) == len(set(names)) == len(basis.names)
+    for k in (0, names.index("strain: tension"), names.index("swing"), len(names) - 1):
+        little = 1e-3 * (np.arange(len(names)) == k)
+        moved = basis.displacement(little, frames, case)
         found = 1e3 * np.einsum("tabi,tabi->tab", moved, frames.normal)
         assert np.abs(found - heights[:, k]).max() < 2e-2 * np.abs(heights[:, k]).max() + 1e-6  # m
 
@@ -287,14 +283,14 @@ class Tosser(Bending):
 def test_nothing_is_learned_from_sensitive_stretches(tmp_path: Path) -> None:
     times = np.arange(1, 11) * 0.1
     measured = read_set(measure(tmp_path / "set", LEARNED[:1], trials=4, times=times))
-    learned, held, looked_at = choose([measured], Model(), kept_back=0.25, seed=0, coarse=Tosser())
+    learned, held, looked_at = choose([measured], TrainingOptions(kept_back=0.25, coarse=Tosser()))
     tossed = {t.name for t in measured.trials if t.program.pressure[0, 0] > 150e3}
     assert 0 < len(tossed) < 4 and {s.trial for s in looked_at.stretches} == tossed
     for chosen in (*learned, *held):
         last = times[frames_learned(chosen)].max()
         assert last == pytest.approx(0.1 if chosen.trial.name in tossed else 1.0)
     assert looked_at.share_left_out == pytest.approx(0.9 * len(tossed) / 4)
-    assert choose([measured], Model(), kept_back=0.25, seed=0)[2].stretches is None
+    assert choose([measured], TrainingOptions(kept_back=0.25))[2].stretches is None
 
 
 class Stopped(Exception):
@@ -366,13 +362,13 @@ def test_what_muscles_do_turns_over_with_the_cloth() -> None:
                 np.abs(signs * one.curvature[:, k, :, :, ::-1] - left_right.curvature[:, k]).max() <= 1e-3 * size + 1e-4
             )
     assert np.abs(one.strain - other.strain).max() < 1e-2
-    assert 0 < anywhere().sum() < len(names())
+    assert 0 < one.anywhere.sum() < len(one.names)
 
 
 def _basis(design: Design, pressure: Sequence[float]) -> Basis:
     case = Case(design, program(pressure))
     wanted, where = with_history(TIMES, HISTORY)
-    return Basis.of(fields_of(case, MuscleFields.of(design), TIMES, Bending().motions([case], [wanted])[0][where]))
+    return Basis.of(fields_of(case, TIMES, Bending().motions([case], [wanted])[0][where]))
 
 
 def test_measured_offsets_tell_the_faces_apart() -> None:
@@ -449,13 +445,13 @@ def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path) -> N
 
 def test_designs_of_one_muscle_type_share_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search asks for thousands of layouts, and a fit of the law takes longer than their motions."""
-    from corrector.inputs import MuscleFields
+    from corrector.inputs import laws_of
     from fabdesign.nouns.muscle_law import MuscleLaw, law_of
 
     fits: list[object] = []
     fit = MuscleLaw.fit
     monkeypatch.setattr(MuscleLaw, "fit", staticmethod(lambda table: fits.append(table) or fit(table)))
     law_of.cache_clear()
-    layouts = [MuscleFields.of(build("vertical", muscles=count)) for count in (1, 2, 3)]
+    layouts = [laws_of(build("vertical", muscles=count)) for count in (1, 2, 3)]
     assert len(fits) == 1
-    assert len({id(law) for layout in layouts for law in layout.laws.values()}) == 1
+    assert len({id(law) for laws in layouts for law in laws.values()}) == 1

@@ -92,7 +92,7 @@ def test_names_say_what_a_thing_is() -> None:
 FLAGS = {
     "an option of a command, as it was typed": """all_trials as_json covariance equilibrium force no_browser overlay
         per_frame positions pressures replace self_contact skip_bad""",
-    "a fact about what is given": """across anew cause clamped commas converged down drawn effects even_targets free
+    "a fact about what is given": """across anew cause commas converged down drawn effects even_targets free
         known on_front one_way ordered part released shared sized stretched tangential_on_radial unit_known
         upright wished""",
     "what is asked for stands so in what is written or shown": """anywhere bad browser closed comments disabled halts

@@ -21,8 +21,7 @@ from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, Model, Parameter
 from fabdesign.nouns.model_sampling import spread_hash, spread_of
 from studies.calibration import calibrate as calibration
-from studies.intervals.band import over_nodes, width_in_words
-from studies.intervals.calibrate import with_spread
+from studies.intervals.calibrate import over_nodes, width_in_words, with_spread
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.evaluation_report import tables_markdown
 from studies.prediction.forward_model import forward_model
