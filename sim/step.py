@@ -23,7 +23,7 @@ from sim.forces.cloth import fabric_force, velocities
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, ints
+from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, indices, ints
 from sim.kernels.reading import record
 from sim.kernels.transfer import halt
 from sim.kernels.vectors import thrice
@@ -163,26 +163,18 @@ def step(
 @ti.func
 def begin(b, m, npt, added: ti.template(), scheme: ti.template(), pressure: ti.template()):
     """The lanes' schemes and their muscles' pressures in step m."""
-    lane = 0
-    while lane < LANES:
-        k = 0
-        while k < scheme.shape[2]:
+    for lane in indices(LANES):
+        for k in indices(scheme.shape[2]):
             F.scheme[b, k][lane] = scheme[m, b, k, lane]
-            k = F.after[k]
-        k = 0
-        while k < npt:
+        for k in indices(npt):
             acting = pressure[m, b, F.channel[b, k][lane], lane]
             F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
-            k = F.after[k]
-        lane = F.after[lane]
     for force in ti.static(added):
         if ti.static(force.stressed):
             age_stress(b)
         if ti.static(force.has_pressure):
-            k = 0
-            while k < npt:
+            for k in indices(npt):
                 F.point[b, X.pressure + k] = force.pressure(b, k)
-                k = F.after[k]
 
 
 @ti.func
@@ -201,8 +193,7 @@ def predict(b, nu, nv):
     h, am, af, ga, ia, ry, ba = coefficients(b)
     known = thrice(F.scheme[b, KNOWN] * (1.0 - F.reduce[b, UNCONVERGED])) * 0.5 * h * h
     P = (nu + 2) * (nv + 2)
-    k = 0
-    while k < P:
+    for k in indices(P):
         x0 = F.node3[b, F.x0 + k]
         v0 = F.node3[b, F.v0 + k]
         a0 = F.node3[b, F.a0 + k]
@@ -213,7 +204,6 @@ def predict(b, nu, nv):
         F.node3[b, F.ha + k] = (1 - am) * a1 + am * a0
         F.node3[b, F.hv + k] = hv
         F.node3[b, F.q + k] = x0 + (h * v0 + known * a0) / ry
-        k = F.after[k]
 
 
 @ti.func
@@ -239,8 +229,7 @@ def finish(b, nu, nv):
     h, _, _, ga, ia, ry, ba = coefficients(b)
     carried = thrice(F.scheme[b, CARRIED] * (1.0 - F.reduce[b, UNCONVERGED]))
     P = (nu + 2) * (nv + 2)
-    k = 0
-    while k < P:
+    for k in indices(P):
         x0 = F.node3[b, F.x0 + k]
         v0 = F.node3[b, F.v0 + k]
         a0 = F.node3[b, F.a0 + k]
@@ -251,4 +240,3 @@ def finish(b, nu, nv):
         F.node3[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
         F.node3[b, F.a0 + k] = a1
         F.node3[b, F.carried + k] = carried * F.node3[b, F.r + k]
-        k = F.after[k]

@@ -4,7 +4,7 @@ import taichi as ti
 
 from sim.forces.added import relaxed, stiffer
 from sim.grid import BOTTOM, LEFT, RIGHT
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
 
@@ -43,8 +43,7 @@ def neighbours(nu, nv, i, j):
 def star_row(b, nu, nv, j, stressed: ti.template()):
     """node normals, curvatures, bending moments, and the moments' couples on the normal"""
     s = nu + 2
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * s + i + 1
         w, e, n, d, has1, has2, wt = neighbours(nu, nv, i, j)
         hh = has1 * has2
@@ -92,15 +91,13 @@ def star_row(b, nu, nv, j, stressed: ti.template()):
         store(b, F.na + k, ex, ey, ez)
         ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
         store(b, F.nb + k, ex, ey, ez)
-        i = F.after[i]
 
 
 @ti.func
 def clamp_pass(b, nu, nv, support, stressed: ti.template()):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
     count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
-    i = 0
-    while i < count:
+    for i in indices(count):
         k, e, w = clamped_ends(nu, nv, support, count, i)
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
@@ -111,7 +108,6 @@ def clamp_pass(b, nu, nv, support, stressed: ti.template()):
         m *= il
         fx, fy, fz = load(b, F.f + e)
         store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
-        i = F.after[i]
 
 
 @ti.func

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
-from sim.kernels.fields import LANES, F, Timed, floats, ints
+from sim.kernels.fields import LANES, F, Timed, floats, indices, ints
 from sim.kernels.reading import read
 from sim.state import PAIR
 
@@ -23,14 +23,10 @@ from sim.state import PAIR
 @ti.func
 def contact(b, nu):
     """f += forces of all pairs; there are none where self_contact is off."""
-    k = 0
-    while k < F.pairs[b]:
-        lane = 0
-        while lane < LANES:
+    for k in indices(F.pairs[b]):
+        for lane in indices(LANES):
             if F.pair[b, PAIR * k + 4][lane] > 0:  # a spare entry of this lane has no stiffness
                 press(b, nu + 2, k, lane)
-            lane = F.after[lane]
-        k = F.after[k]
 
 
 @ti.func
@@ -84,13 +80,11 @@ def put(nb: ti.i32, index: ints(4), value: floats(4)):
     for b in range(nb):
         F.pairs[b] = index.shape[2]
         for lane in range(LANES):
-            k = 0
-            while k < index.shape[2]:
+            for k in indices(index.shape[2]):
                 F.pair_node[b, k][lane] = index[b, 0, k, lane]
                 F.pair_cell[b, k][lane] = index[b, 1, k, lane]
                 for e in range(PAIR):
                     F.pair[b, PAIR * k + e][lane] = value[b, e, k, lane]
-                k = F.after[k]
 
 
 Ints = NDArray[np.int_]

@@ -4,7 +4,7 @@ shear (equation 3) and twist (equation 6)."""
 import taichi as ti
 
 from sim.forces.added import relaxed, relaxed_more, stiffer
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
 from sim.time_steps import CV
@@ -17,11 +17,9 @@ CURVATURE = 7.0
 @ti.func
 def velocity_row(b, nu, nv, j):
     cv = thrice(F.scheme[b, CV])
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * (nu + 2) + i + 1
         F.node3[b, F.v + k] = cv * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) + F.node3[b, F.hv + k]
-        i = F.after[i]
 
 
 @ti.func
@@ -55,8 +53,7 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
     quadratic = F.lane[b, M.Q1] if ti.static(along_u) else F.lane[b, M.Q2]
     cubic = F.lane[b, M.R1] if ti.static(along_u) else F.lane[b, M.R2]
     vA = F.lane[b, M.VISCOSITY] * A * ih
-    i = 0
-    while i < count:
+    for i in indices(count):
         k = (j + 1) * s + i + 1
         e = k + step
         w = edge_share(nu, nv, i, j, along_u)
@@ -73,7 +70,6 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
         if ti.static(stressed):
             elastic = relaxed(b, memory + k, successor + k, stiffer(b, k, e) * elastic)
         F.node[b, tension + k] = elastic + w * vA * r
-        i = F.after[i]
 
 
 @ti.func
@@ -91,8 +87,7 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()
     count = nu - 1 if ti.static(along_u) else nu
     ih = F.lane[b, M.IHU] if ti.static(along_u) else F.lane[b, M.IHV]
     kc = 0.25 * F.lane[b, M.K12] * F.lane[b, M.AREA]
-    i = 0
-    while i < count:
+    for i in indices(count):
         k = (j + 1) * s + i + 1
         e = k + step
         tx, ty, tz = load(b, t + k)
@@ -113,7 +108,6 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()
             coupled = relaxed_more(b, successor + k, coupled)
         T = (F.node[b, tension + k] + coupled) * ih
         store(b, out + k, T * tx + ih * yx, T * ty + ih * yy, T * tz + ih * yz)
-        i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         F.node3[b, out + (j + 1) * s + nu] = Wide(0.0)
 
@@ -152,8 +146,7 @@ def cell_row(b, nu, nv, j, stressed: ti.template()):
     ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
     TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
     free_twist = F.lane[b, M.CURVED12] * F.lane[b, M.AREA]
-    i = 0
-    while i < nu - 1:
+    for i in indices(nu - 1):
         k = (j + 1) * s + i + 1
         along_u, along_v, mixed = edge_means(b, F.q + k, s)
         ax, ay, az = parts(along_u)
@@ -189,4 +182,3 @@ def cell_row(b, nu, nv, j, stressed: ti.template()):
         ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
         store(b, F.cb + k, ex + tau * hx, ey + tau * hy, ez + tau * hz)
         store(b, F.cd + k, -moment * nx, -moment * ny, -moment * nz)
-        i = F.after[i]

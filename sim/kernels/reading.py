@@ -6,7 +6,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sim.kernels.fields import LANES, WIDE, F, Timed, X, floats
+from sim.kernels.fields import LANES, WIDE, F, Timed, X, floats, indices
 from sim.kernels.transfer import NUMBERS, VECTORS, Values, place_of
 from sim.time_steps import H
 
@@ -44,13 +44,9 @@ def _take3(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
 @ti.func
 def copy_out(b, number, field: ti.template(), index, first, out: ti.template(), width):
     if number == index:
-        k = 0
-        while k < out.shape[1]:
-            lane = 0
-            while lane < width:
+        for k in indices(out.shape[1]):
+            for lane in indices(width):
                 out[b, k, lane] = field[b, first + k][lane]
-                lane = F.after[lane]
-            k = F.after[k]
 
 
 @Timed
@@ -60,11 +56,9 @@ def read(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: floats(4)):
     for b in range(nb):
         for lane in range(LANES):
             for j in range(nv):
-                i = 0
-                while i < nu:
+                for i in indices(nu):
                     for c in range(3):
                         out[b, lane, j * nu + i, c] = F.node3[b, plane + (j + 1) * (nu + 2) + i + 1][c * LANES + lane]
-                    i = F.after[i]
 
 
 @Timed
@@ -74,11 +68,9 @@ def read_states(nb: ti.i32, npt: ti.i32, out: floats(4)):
     ti.loop_config(serialize=True)
     for b in range(nb):
         for lane in range(LANES):
-            k = 0
-            while k < npt:
+            for k in indices(npt):
                 out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
                 out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
-                k = F.after[k]
 
 
 @ti.func
@@ -90,8 +82,7 @@ def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti
     b2 = theta * theta * (3 - 2 * theta)
     b3 = theta * theta * (theta - 1) * h
     for j in range(nv):
-        i = 0
-        while i < nu:
+        for i in indices(nu):
             k = (j + 1) * (nu + 2) + i + 1
             for c in range(3):
                 e = c * LANES + lane
@@ -100,9 +91,6 @@ def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti
                 shapes[frame, j * nu + i, c] = (
                     old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
                 )
-            i = F.after[i]
-    k = 0
-    while k < npt:
+    for k in indices(npt):
         states[frame, k, 0] = F.point[b, X.eps + k][lane]
         states[frame, k, 1] = F.point[b, X.tension + k][lane]
-        k = F.after[k]

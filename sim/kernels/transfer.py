@@ -12,7 +12,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sim import state
-from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X, floats, ints
+from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X, floats, indices, ints
 from sim.kernels.vectors import Lanes, Wide
 
 Floats = NDArray[np.float32]
@@ -128,10 +128,8 @@ def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: 
 
 @ti.func
 def zero(b, field: ti.template(), nothing):
-    k = 0
-    while k < field.shape[1]:
+    for k in indices(field.shape[1]):
         field[b, k] = nothing
-        k = F.after[k]
 
 
 @ti.func
@@ -139,13 +137,9 @@ def copy(b, index: ti.template(), field: ti.template(), s, spans: ti.template(),
     if spans[s, 0] == index:
         first = spans[s, 1]
         source = spans[s, 2]
-        lane = 0
-        while lane < width:
-            k = 0
-            while k < spans[s, 3]:
+        for lane in indices(width):
+            for k in indices(spans[s, 3]):
                 field[b, first + k][lane] = values[b, source + k, lane]
-                k = F.after[k]
-            lane = F.after[lane]
 
 
 @Timed
@@ -160,38 +154,26 @@ def _load_shared(
         while k < F.after.shape[0]:
             F.after[k] = k + 1
             k += 1
-    k = 0
-    while k < basis.shape[0]:
+    for k in indices(basis.shape[0]):
         for r in ti.static(range(8)):
             F.basis[k][r] = basis[k, r]
-        k = F.after[k]
-    k = 0
-    while k < eigen.shape[0]:
+    for k in indices(eigen.shape[0]):
         for r in ti.static(range(3)):
             F.eigen[k][r] = eigen[k, r]
-        k = F.after[k]
-    k = 0
-    while k < shared.shape[0]:
+    for k in indices(shared.shape[0]):
         C.shared[k] = shared[k]
-        k = F.after[k]
-    k = 0
-    while k < place.shape[0]:
+    for k in indices(place.shape[0]):
         C.place[k] = place[k]
-        k = F.after[k]
     ti.loop_config(serialize=True)
     for t in range(table.shape[0]):
         for p in range(table.shape[1]):
-            k = 0
-            while k < table.shape[2]:
+            for k in indices(table.shape[2]):
                 F.table[t, p, k] = table[t, p, k]
-                k = F.after[k]
     ti.loop_config(serialize=True)
     for b in range(nb):
-        k = 0
-        while k < rows.shape[1]:
+        for k in indices(rows.shape[1]):
             F.rows[b, k][0] = rows[b, k, 0]
             F.rows[b, k][1] = rows[b, k, 1]
-            k = F.after[k]
 
 
 @Timed
@@ -200,8 +182,6 @@ def halt(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """Zero velocity and acceleration."""
     ti.loop_config(serialize=True)
     for b in range(nb):
-        k = 0
-        while k < (nu + 2) * (nv + 2):
+        for k in indices((nu + 2) * (nv + 2)):
             F.node3[b, F.v0 + k] = Wide(0.0)
             F.node3[b, F.a0 + k] = Wide(0.0)
-            k = F.after[k]

@@ -10,7 +10,7 @@ from sim.forces.bending import clamped_edge, clamped_ends, neighbours
 from sim.forces.cloth import border, gathered
 from sim.forces.membrane import edge_means, edge_share
 from sim.grid import EDGES
-from sim.kernels.fields import F, T
+from sim.kernels.fields import F, T, indices
 from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
 
@@ -51,8 +51,7 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
     A = F.lane[b, M.AREA]
     quadratic = F.lane[b, M.Q1] if ti.static(along_u) else F.lane[b, M.Q2]
     cubic = F.lane[b, M.R1] if ti.static(along_u) else F.lane[b, M.R2]
-    i = 0
-    while i < count:
+    for i in indices(count):
         k = (j + 1) * s + i + 1
         e = k + step
         w = edge_share(nu, nv, i, j, along_u)
@@ -68,7 +67,6 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
         T.node3[b, d_t + k] = Wide(dx, dy, dz)
         T.node[b, d_strain + k] = stretch
         T.node[b, d_tension + k] = w * tension
-        i = F.after[i]
 
 
 @ti.func
@@ -89,8 +87,7 @@ def edge_force_row(b, nu, j, along_u: ti.template()):
     count = nu - 1 if ti.static(along_u) else nu
     ih = F.lane[b, M.IHU] if ti.static(along_u) else F.lane[b, M.IHV]
     kc = 0.25 * F.lane[b, M.K12] * F.lane[b, M.AREA]
-    i = 0
-    while i < count:
+    for i in indices(count):
         k = (j + 1) * s + i + 1
         e = k + step
         # values beyond the border are zero: ghosts of F, and of T, which nothing writes
@@ -110,7 +107,6 @@ def edge_force_row(b, nu, j, along_u: ti.template()):
             (d_mk * F.node3[b, F.n + k] + mk * T.node3[b, T.d_n + k])
             - (d_me * F.node3[b, F.n + e] + me * T.node3[b, T.d_n + e])
         )
-        i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         F.node3[b, out + (j + 1) * s + nu] = Wide(0.0)
 
@@ -119,8 +115,7 @@ def edge_force_row(b, nu, j, along_u: ti.template()):
 def star_row(b, nu, nv, j):
     """Changes of node normals, bending moments, and the moments' couples on the normal."""
     s = nu + 2
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * s + i + 1
         w, e, n, d, has1, has2, wt = neighbours(nu, nv, i, j)
         hh = has1 * has2
@@ -181,7 +176,6 @@ def star_row(b, nu, nv, j):
         cx, cy, cz = cross(rx, ry, rz, ax, ay, az)
         ex, ey, ez = cross(ox, oy, oz, gx, gy, gz)
         store(b, F.nb + k, cx + ex, cy + ey, cz + ez)
-        i = F.after[i]
 
 
 @ti.func
@@ -192,8 +186,7 @@ def cell_row(b, nu, j):
     ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
     TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
     free_twist = F.lane[b, M.CURVED12] * F.lane[b, M.AREA]
-    i = 0
-    while i < nu - 1:
+    for i in indices(nu - 1):
         k = (j + 1) * s + i + 1
         along_u, along_v, mixed = edge_means(b, F.q + k, s)
         more_u, more_v, more_mixed = edge_means(b, F.p + k, s)
@@ -257,28 +250,24 @@ def cell_row(b, nu, j):
             b, F.cb + k,
             cx + ex + d_tau * hx + tau * d_hx, cy + ey + d_tau * hy + tau * d_hy, cz + ez + d_tau * hz + tau * d_hz,
         )  # fmt: skip
-        i = F.after[i]
 
 
 @ti.func
 def gather_row(b, nu, nv, j):
     """F.f = change of the internal forces."""
     s = nu + 2
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * s + i + 1
         s1, _ = border(i, nu)
         s2, _ = border(j, nv)
         F.node3[b, F.f + k] = gathered(b, k, s, s1, s2)
-        i = F.after[i]
 
 
 @ti.func
 def clamp_pass(b, nu, nv, support):
     """Change of the clamp's forces on the first edges of the cloth; the held nodes do not move."""
     count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
-    i = 0
-    while i < count:
+    for i in indices(count):
         k, e, w = clamped_ends(nu, nv, support, count, i)
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         px, py, pz = difference(b, F.p + k, F.p + e)
@@ -296,4 +285,3 @@ def clamp_pass(b, nu, nv, support):
             fy + d_m * tz * ty + m * (rz * ty + tz * ry),
             fz - d_m * (1.0 - tz * tz) + 2.0 * m * tz * rz,
         )  # fmt: skip
-        i = F.after[i]
