@@ -5,10 +5,12 @@ memory (in the kernels, sim/forces/added.py), and what is observed. Where its st
 is the one without it, and the derivative by the strength exists there.
 """
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -258,3 +260,20 @@ class Effect:
         """Return whether it changes nothing at these values."""
         values = self.values(given)
         return bool(self.strengths) and all(values[name] == self.parameters[name].off for name in self.strengths)
+
+
+@cache
+def _declared() -> dict[str, dict[str, Any]]:
+    """Return what is declared of each built-in effect, by its name."""
+    return tomllib.loads((Path(__file__).parents[1] / "data" / "effects.toml").read_text(encoding="utf-8"))
+
+
+def built_in(name: str, **acts: Any) -> Effect:
+    """Return the effect that data/effects.toml declares by this name. acts: the functions by which it acts."""
+
+    def parameter(keys: dict[str, Any]) -> EffectParameter:
+        return EffectParameter(**keys | {key: tuple(value) for key, value in keys.items() if isinstance(value, list)})
+
+    declared = _declared()[name]
+    parameters = {key: parameter(keys) for key, keys in declared["parameters"].items()}
+    return Effect(name, **{**declared, "parameters": parameters}, **acts)

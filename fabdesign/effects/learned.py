@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import ActingPressure, Effect, EffectParameter, Specimen, Values
+from fabdesign.effects.declaration import ActingPressure, Specimen, Values, built_in
 from fabdesign.effects.fabric import ORTHOTROPY
 from fabdesign.effects.muscle import BRAID_HYSTERESIS
 from fabdesign.effects.pneumatics import lagged
@@ -61,40 +61,7 @@ def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) ->
     )
 
 
-def _coefficient(unit: str, what: str, deviation: float, low: float, high: float) -> EffectParameter:
-    return EffectParameter(unit, what, 0.0, (low, high), deviation, off=0.0)
-
-
-LEARNED = Effect(
-    "learned",
-    site="learned",
-    scope="rig",
-    what="pressure, tension, friction, drag, curvature and stiffness beyond the model, each by a coefficient",
-    signature="none of its own: what several effects leave together, on every layout",
-    looks_like="each effect that it stands for; name that one with a trace where the mechanism matters",
-    source="linear regression inside the forward model; docs/corrector.md",
-    named=False,
-    parameters={
-        "quick": _coefficient("1", "share of the pressure that is 0.1 s late", 0.5, -1.0, 1.5),
-        "slow": _coefficient("1", "share that is 0.5 s late", 0.3, -1.0, 1.5),
-        "drawn": _coefficient("1", "share lost by 200 kPa in other channels", 0.05, -0.3, 0.3),
-        "bend": _coefficient("1", "share gained at 400 kPa, and lost towards none", 0.15, -0.6, 0.6),
-        "far": _coefficient("1", "share lost at a muscle's far end", 0.25, 0.0, 1.0),
-        "stroke": _coefficient("N", "tension by contraction, at 200 kPa", 20.0, -200.0, 200.0),
-        "spring": _coefficient("N", "tension by contraction, at any pressure", 20.0, -200.0, 200.0),
-        "rate": _coefficient("N s", "tension lost by the contraction's rate, at 200 kPa", 5.0, -20.0, 100.0),
-        "friction": _coefficient("N", "of a muscle against contraction and lengthening", 0.3, 0.0, 10.0),
-        "across": _coefficient("1/m", "curvature of the free cloth along u", 1.0, -20.0, 20.0),
-        "down": _coefficient("1/m", "along v", 1.0, -20.0, 20.0),
-        "twist": _coefficient("1/m", "x,uv . n", 1.0, -20.0, 20.0),
-        "ratio": _coefficient("1", "logarithm of stiffness across over down", 0.5, -2.0, 2.0),
-        "drag": _coefficient("N s^2/m^4", "of air, on |v_n| v_n", 3.0, 0.0, 100.0),
-    },
-    pressure=_pressure,
-    specimen=_specimen,
-    force="sim.effects:LEARNED",
-    remembers=True,
-)
+LEARNED = built_in("learned", pressure=_pressure, specimen=_specimen, force="sim.effects:LEARNED")
 
 DISCOVERED = replace(
     LEARNED,

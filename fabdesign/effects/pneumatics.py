@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fabdesign.effects.declaration import ActingPressure, Effect, EffectParameter, MuscleRecord, Values, to_muscles
+from fabdesign.effects.declaration import ActingPressure, MuscleRecord, Values, built_in, to_muscles
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.lag import SHORTEST, after, first_order
 from fabdesign.nouns.pressure import PressureProgram
@@ -44,21 +44,7 @@ def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     return replace(record, pressure=pressure)
 
 
-FILLING_LAG = Effect(
-    "filling_lag",
-    site="pneumatics",
-    scope="rig",
-    what="pressure follows the set point with a time constant: dp/dt = (set point - p) / tau",
-    signature="late after every step, by as much of the step however large; gone at hold; slower ramps shrink it",
-    looks_like="a regulator that limits its slope or overshoots; log the pressure at the muscle while one step is set",
-    source="first-order filling of a volume through a line; docs/effects.md",
-    parameters={
-        "fill": EffectParameter("s", "time constant while the pressure rises", 0.08, (0.0, 3.0), 0.1, off=0.0),
-        "empty": EffectParameter("s", "while it falls", 0.16, (0.0, 3.0), 0.1, off=0.0),
-    },
-    pressure=_filling_lag_pressure,
-    bench=_filling_lag_bench,
-)
+FILLING_LAG = built_in("filling_lag", pressure=_filling_lag_pressure, bench=_filling_lag_bench)
 
 
 # Dead time: what a regulator is told acts later.
@@ -85,20 +71,7 @@ def _dead_time_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     return replace(record, pressure=late)
 
 
-DEAD_TIME = Effect(
-    "dead_time",
-    site="pneumatics",
-    scope="rig",
-    what="pressure acts a while after it is set: p(t - delay)",
-    signature="a pure shift of every onset, the same for small and large steps; with all channels from rest it is the "
-    "same as time_offset",
-    looks_like="a late trigger or time stamp; put a lamp on the valve's signal into the cameras' view",
-    source="transport delay; docs/effects.md",
-    parameters={"delay": EffectParameter("s", "delay", 0.04, (0.0, 1.0), 0.05, off=0.0)},
-    pressure=_dead_time_pressure,
-    bench=_dead_time_bench,
-    same_from_rest="time_offset",
-)
+DEAD_TIME = built_in("dead_time", pressure=_dead_time_pressure, bench=_dead_time_bench)
 
 
 # Supply droop: open channels lower each other's pressure.
@@ -115,31 +88,8 @@ def _supply_droop_pressure(acting: ActingPressure, values: Values) -> ActingPres
     return acting.at_once(lambda pressure: _supply_droop_drooped(pressure, values["share"]))
 
 
-SUPPLY_DROOP = Effect(
-    "supply_droop",
-    site="pneumatics",
-    scope="rig",
-    what="each other channel above 5 kPa takes a share of a channel's pressure: p (1 - share n)",
-    signature="grows with the number of open channels, at hold too; one channel alone is right",
-    looks_like="valves that leak into each other (crosstalk), or a pull of the supply by something else; log all "
-    "channels while one more is opened",
-    source="a supply's source impedance, to first order; docs/effects.md",
-    parameters={
-        "share": EffectParameter("1", "lost by each other open channel", 0.05, (0.0, 0.5), 0.05, off=0.0),
-    },
-    pressure=_supply_droop_pressure,
-)
+SUPPLY_DROOP = built_in("supply_droop", pressure=_supply_droop_pressure)
 
 
 # Line loss: pressure falls along a muscle.
-LINE_LOSS = Effect(
-    "line_loss",
-    site="pneumatics",
-    scope="rig",
-    what="pressure falls linearly along a muscle, from its path's first point to its last",
-    signature="the inlet's end acts more, at hold too; exchanged when inlet and outlet are swapped",
-    looks_like="a muscle that is stiffer towards one end, or laced more tightly there; swap inlet and outlet",
-    source="laminar flow through a leaking line, to first order; docs/effects.md",
-    parameters={"share": EffectParameter("1", "lost at the far end", 0.3, (0.0, 1.0), 0.25, off=0.0)},
-    specimen=to_muscles(pressure_loss="share"),
-)
+LINE_LOSS = built_in("line_loss", specimen=to_muscles(pressure_loss="share"))
