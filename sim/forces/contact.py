@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, F, Timed, floats, indices, ints
-from sim.kernels.reading import read
+from sim.kernels.reading import on_grid
 from sim.state import PAIR
 
 
@@ -220,9 +220,7 @@ class Touching:
         """Find pairs anew, where they have moved, before a step of h (lanes,) s."""
         n = self.n
         lanes = [self.packed.index(i) for i in range(len(self.sheets))]
-        out = np.empty((blocks, LANES, n * n, 3), np.float32)
-        read(blocks, n, n, F.x0, out)
-        shapes = out.reshape(-1, n, n, 3)[lanes].astype(float)
+        shapes = on_grid(F.node3, (blocks, n, n), F.x0)[lanes].astype(float)
         anew = [
             self._refresh(i, x, float(h[lane] / self.h[i]))
             for i, (lane, x) in enumerate(zip(lanes, shapes, strict=True))

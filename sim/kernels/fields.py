@@ -241,10 +241,10 @@ class Timed:
     def __init__(self, kernel: Any, costly: str = "") -> None:
         self.kernel, self.costly, self.start = kernel, costly, None
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         if self.start is F.node:
-            return self.kernel(*arguments)
+            return self.kernel(*arguments, **named)
         with first_call(self.costly, (F.nodes, F.points, F.modes, F.blocks, LANES)):
-            result = self.kernel(*arguments)
+            result = self.kernel(*arguments, **named)
         self.start = F.node
         return result

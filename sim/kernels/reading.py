@@ -1,76 +1,51 @@
-"""Transfer from the fields to numpy: planes and arrays of a batch, its frames, and frames between two steps."""
+"""Transfer from the fields to numpy: planes and arrays of a batch, and frames between two steps."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sim.kernels.fields import LANES, WIDE, F, Timed, X, floats, indices
-from sim.kernels.transfer import NUMBERS, VECTORS, Values, place_of
+from sim.kernels.fields import LANES, OF_NODES, WIDE, F, X, floats, indices
+from sim.kernels.frontend import brief
+from sim.kernels.transfer import Values, place_of
 from sim.time_steps import H
 
 
 def take(blocks: int, names: Sequence[str]) -> Values:
-    """Return planes and arrays of the batch that lies in the fields, named and shaped as in `Contents`."""
+    """Return planes and arrays of the batch that lies in the fields, named and shaped as by `fill`."""
     values: dict[str, NDArray] = {}
     for name in names:
         field, first = place_of(name)
-        vector = field in VECTORS
-        count = getattr(F, field).shape[1] if field == name else F.nodes if field in ("node", "node3") else F.points
-        out = np.empty((blocks, count, WIDE if vector else LANES), np.float32)
-        (_take3 if vector else _take)(blocks, NUMBERS.index(field) if not vector else 0, first, out)
-        values[name] = out.reshape(blocks, count, 3, LANES) if vector else out
+        count = getattr(F, field).shape[1] if field == name else F.nodes if field in OF_NODES else F.points
+        values[name] = copied(getattr(F, field), blocks, first, count)
     return values
 
 
-@Timed
+def on_grid(field: Any, grid: tuple[int, int, int], first: int) -> NDArray[np.float32]:
+    """Return (lanes, nv, nu, 3) vectors at the nodes of blocks, nu, nv, from the entry `first` of a field on."""
+    blocks, nu, nv = grid
+    padded = copied(field, blocks, first, (nu + 2) * (nv + 2)).reshape(blocks, nv + 2, nu + 2, 3, LANES)
+    return np.moveaxis(padded[:, 1:-1, 1:-1], -1, 1).reshape(-1, nv, nu, 3)
+
+
+@brief()  # the kernel is compiled for each field
+def copied(field: Any, blocks: int, first: int, count: int) -> NDArray[np.float32]:
+    """Return `count` entries of a field's blocks, from `first` on: (blocks, count, LANES), of vectors (blocks, count,
+    3, LANES)."""
+    out = np.empty((blocks, count, field.n), np.float32)
+    _copy(field, first, out)
+    return out.reshape(blocks, count, 3, LANES) if field.n == WIDE else out
+
+
 @ti.kernel
-def _take(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
+def _copy(field: ti.template(), first: ti.i32, out: floats(3)):
     ti.loop_config(serialize=True)
-    for b in range(nb):
-        for name in ti.static(NUMBERS):
-            copy_out(b, ti.static(NUMBERS.index(name)), ti.static(getattr(F, name)), index, first, out, LANES)
-
-
-@Timed
-@ti.kernel
-def _take3(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        copy_out(b, 0, ti.static(F.node3), index, first, out, WIDE)
-
-
-@ti.func
-def copy_out(b, number, field: ti.template(), index, first, out: ti.template(), width):
-    if number == index:
+    for b in range(out.shape[0]):
         for k in indices(out.shape[1]):
-            for lane in indices(width):
+            for lane in indices(out.shape[2]):
                 out[b, k, lane] = field[b, first + k][lane]
-
-
-@Timed
-@ti.kernel
-def read(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: floats(4)):
-    """out (nb, LANES, nu nv, 3): positions in a plane of F.node3."""
-    for b in range(nb):
-        for lane in range(LANES):
-            for j in range(nv):
-                for i in indices(nu):
-                    for c in range(3):
-                        out[b, lane, j * nu + i, c] = F.node3[b, plane + (j + 1) * (nu + 2) + i + 1][c * LANES + lane]
-
-
-@Timed
-@ti.kernel
-def read_states(nb: ti.i32, npt: ti.i32, out: floats(4)):
-    """out (nb, LANES, npt, 2): contraction and tension [N] of every interval as last evaluated."""
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        for lane in range(LANES):
-            for k in indices(npt):
-                out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
-                out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
 
 
 @ti.func

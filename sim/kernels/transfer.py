@@ -5,7 +5,7 @@ A loop that threads share costs 10 ms of every start, so short ones are serial.
 
 import math
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -15,54 +15,25 @@ from sim import state
 from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X, floats, indices, ints
 from sim.kernels.vectors import Lanes, Wide
 
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
-
-
-@dataclass(frozen=True, eq=False)
-class Shared:
-    """The values that all lanes of a batch have in common."""
-
-    across: int  # nodes that a fixed point may touch
-    down: int
-    odd: int  # of the modes across
-    basis: Floats  # (entries, 8) both bases (sim.solver.modes.by_four)
-    eigen: Floats  # (modes, 3)
-    table: Floats  # (types, pressures, contractions) N
-    coarse: Floats  # (entries,) of C.shared (sim/solver/modes.py)
-    place: Ints  # (entries,) of C.place
-    rows: Ints  # (blocks, points, 2) of F.rows
-
-
 Values = Mapping[str, NDArray]  # by the name of a plane or an array, lane beside lane
 
 
-@dataclass(frozen=True, eq=False)
-class Contents:
-    """The values that a batch puts into the fields.
+def fill(blocks: int, values: Values, **shared: Any) -> None:
+    """Put a batch into the first blocks, and zero there whatever is not put in and may be read before it is written
+    (`life` in sim/state.py).
 
     values: of every plane and array that is declared as loaded, by name, and of "lane", the constants:
-    (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on.
+    (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on. shared: what all lanes
+    have in common, by the names of `_fill_shared`.
     """
-
-    blocks: int
-    points: int  # fixed points, the most of any lane
-    values: Values
-    shared: Shared
-
-
-def load(contents: Contents) -> None:
-    """Put a batch into the first blocks, and zero there whatever is not put in and may be read before it is written
-    (`life` in sim/state.py)."""
-    blocks, values = contents.blocks, contents.values
     if values.keys() != state.loaded() | {"lane"}:
         raise ValueError(f"a batch must load {sorted(state.loaded())} and lane; got {sorted(values)}")
-    _load_shared(blocks, *astuple(contents.shared))
+    _fill_shared(blocks, **shared)
     _put(blocks, 1, *_arguments(blocks, values))
 
 
 def put(blocks: int, values: Values) -> None:
-    """Replace some values of the batch that lies in the fields, named and shaped as in `Contents`."""
+    """Replace some values of the batch that lies in the fields, named and shaped as by `fill`."""
     _put(blocks, 0, *_arguments(blocks, values))
 
 
@@ -84,7 +55,7 @@ def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
 def place_of(name: str) -> tuple[str, int]:
     """Return the field that holds a plane or an array, and its first entry there."""
     for plane in state.PLANES:
-        if plane.name == name and plane.life in (state.LOADED, state.CARRIED, state.REMEMBERED):
+        if plane.name == name:
             return plane.field, getattr(F if plane.on in state.BY_NODE else X, name)
     return name, 0
 
@@ -144,10 +115,13 @@ def copy(b, index: ti.template(), field: ti.template(), s, spans: ti.template(),
 
 @Timed
 @ti.kernel
-def _load_shared(
+def _fill_shared(
     nb: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32, basis: floats(2), eigen: floats(2), table: floats(3),
-    shared: floats(1), place: ints(1), rows: ints(3),
+    coarse: floats(1), place: ints(1), rows: ints(3),
 ):  # fmt: skip
+    """across, down: nodes that a fixed point may touch. odd: of the modes across. basis (entries, 8): both bases
+    (sim.solver.modes.by_four). eigen (modes, 3). table (types, pressures, contractions) N. coarse (entries,) of
+    C.shared, place (entries,) of C.place (sim/solver/modes.py). rows (blocks, points, 2) of F.rows."""
     F.touched[0], F.touched[1], F.odd[None] = across, down, odd
     if ti.static(not isinstance(F.after, Following)):
         k = 0
@@ -160,8 +134,8 @@ def _load_shared(
     for k in indices(eigen.shape[0]):
         for r in ti.static(range(3)):
             F.eigen[k][r] = eigen[k, r]
-    for k in indices(shared.shape[0]):
-        C.shared[k] = shared[k]
+    for k in indices(coarse.shape[0]):
+        C.shared[k] = coarse[k]
     for k in indices(place.shape[0]):
         C.place[k] = place[k]
     ti.loop_config(serialize=True)

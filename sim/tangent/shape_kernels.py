@@ -4,7 +4,7 @@ import taichi as ti
 
 from sim.forces.cloth import fabric_force
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, T, Timed, X, floats, indices, ints
+from sim.kernels.fields import LANES, SPREAD, WIDE, F, T, Timed, X, floats, indices
 from sim.kernels.vectors import Lanes, Wide, thrice
 from sim.solver.coarse_space import assemble
 from sim.solver.flat_cloth import factorise
@@ -56,19 +56,13 @@ def begin(nb: ti.i32, nu: ti.i32, nv: ti.i32, stiffness: ti.f32):
 
 @Timed
 @ti.kernel
-def write_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: floats(5)):
-    """T.columns = forces (slots, nb, LANES, nu nv, 3), 0 where nodes are held and around the grid."""
-    for b in range(nb):
-        for slot in range(slots):
-            for k in indices((nu + 2) * (nv + 2)):
-                T.columns[b, slot * F.nodes + k] = Wide(0.0)
-            for lane in range(LANES):
-                for j in range(nv):
-                    for i in indices(nu):
-                        k = (j + 1) * (nu + 2) + i + 1
-                        for c in range(3):
-                            force = F.node[b, F.free + k][lane] * forces[slot, b, lane, j * nu + i, c]
-                            T.columns[b, slot * F.nodes + k][c * LANES + lane] = force
+def write_column(slot: ti.i32, forces: floats(3)):
+    """T.columns at `slot` = forces (nb, nodes, WIDE)."""
+    ti.loop_config(serialize=True)
+    for b in range(forces.shape[0]):
+        for k in indices(forces.shape[1]):
+            for lane in indices(WIDE):
+                T.columns[b, slot * F.nodes + k][lane] = forces[b, k, lane]
 
 
 @Timed
@@ -86,8 +80,7 @@ def explicit(
                 share[lane] = weight[b, lane]
             o = slot * F.nodes
             for k in indices((nu + 2) * (nv + 2)):
-                force = thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
-                T.columns[b, o + k] = T.columns[b, o + k] + force
+                T.columns[b, o + k] = T.columns[b, o + k] + thrice(share) * F.node3[b, F.f + k]
 
 
 @ti.kernel
@@ -107,7 +100,7 @@ def _viscous_kernel(
                 add_velocity(b, nu, nv, 1.0 - 2.0 * turn)
                 forces_held(b, nu, nv, npt, support, pressure)
                 for k in indices((nu + 2) * (nv + 2)):
-                    force = (1.0 - 2.0 * turn) * thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
+                    force = (1.0 - 2.0 * turn) * thrice(share) * F.node3[b, F.f + k]
                     T.columns[b, o + k] = T.columns[b, o + k] + force
 
 
@@ -139,10 +132,10 @@ def _solve_kernel(
                     precondition(b, nu, nv, npt, support, smoothing, stiffened)
                 o = turn * F.nodes
                 for k in indices((nu + 2) * (nv + 2)):
-                    right = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+                    right = F.node3[b, F.f + k]
                     if settles == 0:
                         right = T.columns[b, o + k]
-                    F.node3[b, F.r + k] = right
+                    F.node3[b, F.r + k] = right * thrice(F.node[b, F.free + k])
                     T.node3[b, T.x + k] = Wide(0.0)
                 conjugate_gradients(b, nu, nv, npt, support, turn, iterations, tolerance)
                 for k in indices((nu + 2) * (nv + 2)):
@@ -165,31 +158,6 @@ def precondition(b, nu, nv, npt, support, smoothing, stiffened):
     if support < EDGES:
         assemble(b, nu, nv, npt)
     F.scheme[b, CA] = springs
-
-
-@Timed
-@ti.kernel
-def read_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: floats(5)):
-    """out (nb, slots, LANES, nu nv, 3): columns."""
-    for b in range(nb):
-        for slot in range(slots):
-            for lane in range(LANES):
-                for j in range(nv):
-                    for i in indices(nu):
-                        k = slot * F.nodes + (j + 1) * (nu + 2) + i + 1
-                        for c in range(3):
-                            out[b, slot, lane, j * nu + i, c] = T.columns[b, k][c * LANES + lane]
-
-
-@Timed
-@ti.kernel
-def read_outcomes(nb: ti.i32, slots: ti.i32, out: ints(3)):
-    """out (nb, slots, LANES): what came of the last solves."""
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        for slot in range(slots):
-            for lane in range(LANES):
-                out[b, slot, lane] = T.outcome[b, slot][lane]
 
 
 solve_columns = Timed(_solve_kernel, "derivatives")

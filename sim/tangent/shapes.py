@@ -11,21 +11,15 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
-from sim.kernels.fields import LANES, SLOTS, F, allocate_tangent
+from sim.kernels.fields import LANES, SLOTS, F, T, allocate_tangent
+from sim.kernels.reading import copied, on_grid
 from sim.kernels.transfer import halt, put
+from sim.loading import ringed
 from sim.motion import faces
 from sim.schedule import Batch
 from sim.tangent.conjugate_gradients import SOLVED
 from sim.tangent.explicit import Explicit, LaneColumns, MovedCases
-from sim.tangent.shape_kernels import (
-    begin,
-    explicit,
-    read_columns,
-    read_outcomes,
-    solve_columns,
-    viscous,
-    write_columns,
-)
+from sim.tangent.shape_kernels import begin, explicit, solve_columns, viscous, write_column
 
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
 TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
@@ -105,8 +99,8 @@ class Balanced:
         batch, host = self._batch, self.host
         moved = [host.moved(k) for k in which]
         forces = host.of_muscles(moved, self.middle.astype(float).reshape(len(self._lanes), -1, 3))
-        write_columns(*batch.grid, len(which), forces.reshape(len(which), batch.blocks, LANES, -1, 3))
         for slot, sides in enumerate(moved):
+            write_column(slot, self.at_nodes(forces[slot]))
             self.add_viscous(slot, -host.of_damping(sides))
         changes = {slot: change for slot, sides in enumerate(moved) if (change := host.of_cloth(sides)) is not None}
         for slot, change in changes.items():
@@ -116,6 +110,10 @@ class Balanced:
         if changes:
             put(batch.blocks, {"lane": host.constants})
 
+    def at_nodes(self, values: Array) -> NDArray[np.float32]:
+        """Return (blocks, nodes, 3 LANES) of vectors (lanes, n n, 3), as a column has them."""
+        return ringed(values.reshape(self.middle.shape)).reshape(self._batch.blocks, -1, 3 * LANES)
+
     def add_viscous(self, slot: int, weight: Array) -> None:
         """Add weight (lanes,) times what the velocity vp in the fields, more than is held, changes in the forces."""
         if weight.any():
@@ -123,24 +121,20 @@ class Balanced:
             by_block = weight.reshape(-1, LANES).astype(np.float32)
             viscous(*batch.grid, batch.points, batch.support, slot, by_block, self.host.pressure)
 
-    def solved(self, slots: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    def solved(self, slots: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (lanes, slots, n, n, 3) m, the solutions of right sides in the fields, and what came of them."""
         batch = self._batch
         outcomes = _solve(batch, self.host, slots)
-        shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
-        read_columns(*batch.grid, slots, shapes)
-        return shapes.swapaxes(1, 2).reshape(-1, slots, *self.middle.shape[1:]), outcomes
+        return np.stack([on_grid(T.columns, batch.grid, slot * F.nodes) for slot in range(slots)], axis=1), outcomes
 
 
-def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -> NDArray[np.int32]:
+def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -> NDArray[np.float32]:
     """Return (lanes, turns) what came of so many linear solves."""
     solve_columns(
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
-    outcomes = np.empty((batch.blocks, turns, LANES), np.int32)
-    read_outcomes(batch.blocks, turns, outcomes)
-    return outcomes.swapaxes(1, 2).reshape(-1, turns)
+    return copied(T.outcome, batch.blocks, 0, turns).swapaxes(1, 2).reshape(-1, turns)
 
 
 SHIFT = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order
