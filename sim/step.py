@@ -138,7 +138,7 @@ def step(
                 muscles_pull(b, nu, npt)
             contact(b, nu)
         for force in ti.static(added):
-            if ti.static(force.has_cloth):  # noqa: SIM102 decided when the kernel is compiled
+            if ti.static(callable(force.cloth)):  # noqa: SIM102 decided when the kernel is compiled
                 if i <= last or ti.static(force.has_cloth_memory):
                     force.cloth(b, nu, nv, npt)
         if i == 0:
@@ -172,7 +172,7 @@ def begin(b, m, npt, added: ti.template(), scheme: ti.template(), pressure: ti.t
     for force in ti.static(added):
         if ti.static(force.stressed):
             age_stress(b)
-        if ti.static(force.has_pressure):
+        if ti.static(callable(force.pressure)):  # taichi knows no None
             for k in indices(npt):
                 F.point[b, X.pressure + k] = force.pressure(b, k)
 

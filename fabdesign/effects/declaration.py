@@ -263,17 +263,6 @@ class Effect:
 
 
 @cache
-def _declared() -> dict[str, dict[str, Any]]:
-    """Return what is declared of each built-in effect, by its name."""
+def built_in() -> dict[str, dict[str, Any]]:
+    """Return the table of each built-in effect, by its name."""
     return tomllib.loads((Path(__file__).parents[1] / "data" / "effects.toml").read_text(encoding="utf-8"))
-
-
-def built_in(name: str, **acts: Any) -> Effect:
-    """Return the effect that data/effects.toml declares by this name. acts: the functions by which it acts."""
-
-    def parameter(keys: dict[str, Any]) -> EffectParameter:
-        return EffectParameter(**keys | {key: tuple(value) for key, value in keys.items() if isinstance(value, list)})
-
-    declared = _declared()[name]
-    parameters = {key: parameter(keys) for key, keys in declared["parameters"].items()}
-    return Effect(name, **{**declared, "parameters": parameters}, **acts)

@@ -7,15 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Specimen, Values, built_in, to_constants
+from fabdesign.effects.declaration import Specimen, Values
 from fabdesign.nouns.array import Array
-
-# Air drag: quadratic, against the cloth's normal velocity.
-AIR_DRAG = built_in("air_drag", specimen=to_constants(air_drag="coefficient"), force="sim.effects:AIR_DRAG")
 
 
 # Frame tilt: the frame leans, so that gravity does not point down the cloth.
-def _frame_tilt_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def frame_tilt_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     a, c = np.radians(values["about_x"]), np.radians(values["about_z"])
     turn_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     turn_z = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
@@ -24,17 +21,11 @@ def _frame_tilt_specimen(specimen: Specimen, values: Values, muscles: NDArray[np
     return specimen.with_fabric(replace(fabric, gravity=(x, y, z)))
 
 
-FRAME_TILT = built_in("frame_tilt", specimen=_frame_tilt_specimen)
-
-
 # Added mass: something is fixed to one point of the cloth.
-def _added_mass_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def added_mass_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     fabric = specimen.design.fabric
     u, v = min(values["u"], fabric.width), min(values["v"], fabric.height)
     return specimen.with_mass(u, v, values["mass"])
-
-
-ADDED_MASS = built_in("added_mass", specimen=_added_mass_specimen)
 
 
 # Registration bias: the cameras' world is turned and shifted against the frame's, always alike.
@@ -50,25 +41,16 @@ def turning(about_x: float, about_y: float, about_z: float) -> Array:
     return turn
 
 
-def _registration_bias_observed(points: NDArray[Any], values: Values) -> NDArray[Any]:
+def registration_bias_observed(points: NDArray[Any], values: Values) -> NDArray[Any]:
     turn = turning(*(np.radians(values[f"about_{axis}"]) for axis in "xyz"))
     return np.asarray(points @ turn.T + np.array([values[axis] for axis in "xyz"]))
 
 
-REGISTRATION_BIAS = built_in("registration_bias", observed=_registration_bias_observed)
-
-
 # Time offset: a frame shows the cloth as it was before the frame's time.
-def _time_offset_clock(times: Array, values: Values) -> Array:
+def time_offset_clock(times: Array, values: Values) -> Array:
     return np.maximum(times - values["offset"], 0.0)
 
 
-TIME_OFFSET = built_in("time_offset", clock=_time_offset_clock)
-
-
 # Scale error: all lengths that the cameras give are wrong by one factor.
-def _scale_error_observed(points: NDArray[Any], values: Values) -> NDArray[Any]:
+def scale_error_observed(points: NDArray[Any], values: Values) -> NDArray[Any]:
     return points * (1.0 + values["scale"])
-
-
-SCALE_ERROR = built_in("scale_error", observed=_scale_error_observed)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Specimen, Values, built_in, to_constants
+from fabdesign.effects.declaration import Specimen, Values
 from fabdesign.files.law_tables import MembraneCurve
 from fabdesign.nouns.array import Array
 
 
 # Orthotropy: the cloth is stiffer one way than its data sheet says.
-def _orthotropy_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def orthotropy_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     fabric, root = specimen.design.fabric, values["ratio"] ** 0.5
     if values["ratio"] == 1:
         return specimen
@@ -32,14 +32,11 @@ def _orthotropy_specimen(specimen: Specimen, values: Values, muscles: NDArray[np
     return specimen.with_fabric(changed)
 
 
-ORTHOTROPY = built_in("orthotropy", specimen=_orthotropy_specimen)
-
-
 # Local stiffening: a disc of the cloth is stiffer, as under a seam's end, a patch or glue.
 EDGE = 0.004  # m, over which the disc fades out
 
 
-def _local_stiffening_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def local_stiffening_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     before = specimen.places.get("stiffer")
 
     def stiffer(u: Array, v: Array) -> Array:
@@ -49,22 +46,3 @@ def _local_stiffening_specimen(specimen: Specimen, values: Values, muscles: NDAr
         return np.asarray(factor * (1.0 if before is None else 1.0 + before(u, v)) - 1.0)
 
     return specimen.with_place("stiffer", stiffer)
-
-
-LOCAL_STIFFENING = built_in(
-    "local_stiffening", specimen=_local_stiffening_specimen, force="sim.forces.added:CLOTH_STRESS"
-)
-
-
-# Stress relaxation: part of the cloth's stress goes with time at constant strain.
-STRESS_RELAXATION = built_in(
-    "stress_relaxation",
-    specimen=to_constants(relaxed_share="share", relaxed_time="time"),
-    force="sim.forces.added:CLOTH_STRESS",
-)
-
-
-# Rest curvature: the free cloth is curled, as off the loom or a roll.
-REST_CURVATURE = built_in(
-    "rest_curvature", specimen=to_constants(**{f"rest_curvature_{name}": name for name in ("across", "down", "twist")})
-)

@@ -4,21 +4,18 @@ The model is linear in each about nothing. Simulated with them, a motion of anot
 search's derivatives follow from physics; a correction of points after the motion does not.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import ActingPressure, Specimen, Values, built_in
-from fabdesign.effects.fabric import ORTHOTROPY
-from fabdesign.effects.muscle import BRAID_HYSTERESIS
+from fabdesign.effects.fabric import orthotropy_specimen
 from fabdesign.effects.pneumatics import lagged
 from fabdesign.nouns.array import Array
 
 UNIT = 200e3  # Pa, of which coefficients per pressure are told
 QUICK, SLOW = 0.1, 0.5  # s, of the two lags
 CURVATURES = "across", "down", "twist"
-SLIP = BRAID_HYSTERESIS.parameters["slip"].typical
+SLIP = built_in()["braid_hysteresis"]["parameters"]["slip"]["typical"]
 
 
 def _of_set_point(pressure: Array, values: Values) -> Array:
@@ -29,7 +26,7 @@ def _of_set_point(pressure: Array, values: Values) -> Array:
     return np.asarray(pressure * np.maximum(kept, 0.0))
 
 
-def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
+def learned_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     changed = acting.at_once(lambda pressure: _of_set_point(pressure, values))
     quick, slow = values["quick"], values["slow"]
     if quick == 0 and slow == 0:
@@ -39,10 +36,8 @@ def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     return acting.through(changed.program, np.maximum(wanted + late[0] + late[1], 0.0))
 
 
-def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    stiffer = ORTHOTROPY.specimen
-    assert stiffer is not None
-    specimen = stiffer(specimen, {"ratio": float(np.exp(values["ratio"]))}, muscles)
+def learned_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    specimen = orthotropy_specimen(specimen, {"ratio": float(np.exp(values["ratio"]))}, muscles)
     more = {f"rest_curvature_{name}": values[name] for name in CURVATURES} | {"air_drag": values["drag"]}
     specimen = specimen.with_constants(**{name: specimen.constants.get(name, 0.0) + more[name] for name in more})
 
@@ -60,15 +55,6 @@ def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) ->
         learned_rate=known("learned_rate") + values["rate"],
     )
 
-
-LEARNED = built_in("learned", pressure=_pressure, specimen=_specimen, force="sim.effects:LEARNED")
-
-DISCOVERED = replace(
-    LEARNED,
-    name="discovered",
-    what="what a trace found where no named effect explains the data: few of the coefficients of `learned`",
-    looks_like="an effect that nobody has declared; its formula says where to look",
-)
 
 # What each coefficient adds, and to what: p pressure [Pa], T tension [N], e contraction, s the share of a muscle's way.
 _ADDS = {

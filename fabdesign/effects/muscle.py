@@ -5,26 +5,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import MuscleRecord, Specimen, Values, built_in, to_muscles
+from fabdesign.effects.declaration import MuscleRecord, Specimen, Values
 from fabdesign.nouns.lag import first_order
 from fabdesign.units import from_kpa
 
 
 # Threshold pressure: a muscle's bladder must be blown up before pressure contracts the braid.
-def _threshold_pressure_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def threshold_pressure_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     threshold, width = from_kpa(values["threshold"]), from_kpa(values["width"])
     # so a threshold of nothing leaves the pressure as it is; from 2 (4) widths on the width is right to 4 (0.1) %
     narrowed = width * np.tanh(threshold / width)
     return specimen.with_muscles(muscles, threshold_pressure=threshold, threshold_width=narrowed)
 
 
-THRESHOLD_PRESSURE = built_in(
-    "threshold_pressure", specimen=_threshold_pressure_specimen, force="sim.effects:THRESHOLD_PRESSURE"
-)
-
-
 # Braid hysteresis: Coulomb friction of strand on strand, which grows with pressure.
-def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     return specimen.with_muscles(
         muscles,
         friction_per_pressure=values["friction"] / from_kpa(1.0),  # N/Pa
@@ -33,7 +28,7 @@ def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDAr
     )
 
 
-def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+def braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = values["friction_at_zero"] + values["friction"] / from_kpa(1.0) * record.pressure
     drawn = np.diff(record.contraction, axis=0, prepend=record.contraction[:1])
     force, forces = np.zeros(drawn.shape[1:]), []
@@ -43,56 +38,26 @@ def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecor
     return replace(record, friction=record.friction + np.array(forces))
 
 
-BRAID_HYSTERESIS = built_in(
-    "braid_hysteresis",
-    specimen=_braid_hysteresis_specimen,
-    force="sim.effects:BRAID_HYSTERESIS",
-    bench=_braid_hysteresis_bench,
-)
-
-
 # Muscle creep: part of a muscle's contraction comes slowly, and goes slowly.
-def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+def muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = values["share"] * np.maximum(record.contraction, 0.0)
     lent = first_order(limit[1:], np.diff(record.time), values["time"], start=limit[0])
     return replace(record, lent=record.lent + lent - values["on_bench"] * limit)
 
 
-MUSCLE_CREEP = built_in(
-    "muscle_creep",
-    specimen=to_muscles(creep_share="share", creep_time="time", creep_on_bench="on_bench"),
-    force="sim.effects:MUSCLE_CREEP",
-    bench=_muscle_creep_bench,
-)
-
-
 # Muscle viscosity: tension lost by the rate of contraction, another share while lengthening.
-def _muscle_viscosity_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+def muscle_viscosity_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     viscosity = np.where(record.rate > 0, values["contracting"], values["lengthening"])
     return replace(record, friction=record.friction + viscosity * record.rate)
 
 
-MUSCLE_VISCOSITY = built_in(
-    "muscle_viscosity",
-    specimen=to_muscles(viscosity_contracting="contracting", viscosity_lengthening="lengthening"),
-    force="sim.effects:MUSCLE_VISCOSITY",
-    bench=_muscle_viscosity_bench,
-)
-
-
 # Stroke softening: muscles pull less from trial to trial of a session.
-def _stroke_softening_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def stroke_softening_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     remaining = 1.0 + values["loss"] * np.expm1(-specimen.order / values["trials"])
     return specimen.with_muscles(muscles, gain=specimen.muscles["gain"] * remaining)
 
 
-STROKE_SOFTENING = built_in("stroke_softening", specimen=_stroke_softening_specimen)
-
-
 # Odd muscle: the muscles of one channel pull with a gain of their own.
-def _odd_muscle_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+def odd_muscle_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     odd = np.array([muscle.channel == int(values["channel"]) for muscle in specimen.design.muscles], dtype=bool)
     return specimen.with_muscles(odd & muscles, gain=specimen.muscles["gain"] * values["factor"])
-
-
-ODD_MUSCLE = built_in("odd_muscle", specimen=_odd_muscle_specimen)

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fabdesign.effects.declaration import ActingPressure, MuscleRecord, Values, built_in, to_muscles
+from fabdesign.effects.declaration import ActingPressure, MuscleRecord, Values
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.lag import SHORTEST, after, first_order
 from fabdesign.nouns.pressure import PressureProgram
@@ -30,25 +30,22 @@ def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
     return out
 
 
-def _filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
+def filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     fill, empty = values["fill"], values["empty"]
     if max(fill, empty) <= SHORTEST:
         return acting
     return acting.through(acting.program, lagged(acting.means, acting.tick, fill, empty))
 
 
-def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+def filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     """Return a row's pressure is set until the next row."""
     goals, steps = record.pressure[:-1], np.diff(record.time)
     pressure = first_order(goals, steps, values["fill"], start=record.pressure[0], falling=values["empty"])
     return replace(record, pressure=pressure)
 
 
-FILLING_LAG = built_in("filling_lag", pressure=_filling_lag_pressure, bench=_filling_lag_bench)
-
-
 # Dead time: what a regulator is told acts later.
-def _dead_time_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
+def dead_time_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     delay = values["delay"]
     if delay <= 0:
         return acting
@@ -66,30 +63,19 @@ def _dead_time_pressure(acting: ActingPressure, values: Values) -> ActingPressur
     return acting.through(program, np.diff(late, axis=0) / acting.tick)
 
 
-def _dead_time_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+def dead_time_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     late = np.interp(record.time - values["delay"], record.time, record.pressure)
     return replace(record, pressure=late)
-
-
-DEAD_TIME = built_in("dead_time", pressure=_dead_time_pressure, bench=_dead_time_bench)
 
 
 # Supply droop: open channels lower each other's pressure.
 OPEN = 5e3  # Pa, above which a channel draws from the supply
 
 
-def _supply_droop_drooped(pressure: Array, share: float) -> Array:
-    is_open = pressure > OPEN
-    others = is_open.sum(axis=1, keepdims=True) - is_open
-    return np.asarray(pressure * np.maximum(1.0 - share * others, 0.0))
+def supply_droop_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
+    def drooped(pressure: Array) -> Array:
+        is_open = pressure > OPEN
+        others = is_open.sum(axis=1, keepdims=True) - is_open
+        return np.asarray(pressure * np.maximum(1.0 - values["share"] * others, 0.0))
 
-
-def _supply_droop_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    return acting.at_once(lambda pressure: _supply_droop_drooped(pressure, values["share"]))
-
-
-SUPPLY_DROOP = built_in("supply_droop", pressure=_supply_droop_pressure)
-
-
-# Line loss: pressure falls along a muscle.
-LINE_LOSS = built_in("line_loss", specimen=to_muscles(pressure_loss="share"))
+    return acting.at_once(drooped)

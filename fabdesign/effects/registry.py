@@ -11,17 +11,37 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from fabdesign.effects import environment, fabric, learned, muscle, pneumatics
-from fabdesign.effects.declaration import Effect, EffectParameter, Values
+from fabdesign.effects.declaration import Effect, EffectParameter, Values, built_in, to_constants, to_muscles
 from fabdesign.errors import InputError
 from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Term
 
 GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
 
-# one file a site: all effects that it declares, in their order
-_SITES = muscle, pneumatics, fabric, environment, learned
-EFFECTS: dict[str, Effect] = {e.name: e for site in _SITES for e in vars(site).values() if isinstance(e, Effect)}
+
+def _named(place: str) -> Any:
+    """Return what a module holds by a name, "module:NAME"."""
+    module, name = place.split(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def _effect(name: str, table: dict[str, Any]) -> Effect:
+    """Return the effect that a table of data/effects.toml declares."""
+    keys = {**built_in()[table["like"]], **table} if "like" in table else {**table}
+    keys.pop("like", None)
+    keys["parameters"] = {key: _parameter(one) for key, one in keys["parameters"].items()}
+    keys |= {act: _named(keys[act]) for act in ("pressure", "specimen", "clock", "observed", "bench") if act in keys}
+    for key, change in (("to_muscles", to_muscles), ("to_constants", to_constants)):
+        if key in keys:
+            keys["specimen"] = change(**keys.pop(key))
+    return Effect(name, **keys)
+
+
+def _parameter(keys: dict[str, Any]) -> EffectParameter:
+    return EffectParameter(**keys | {key: tuple(value) for key, value in keys.items() if isinstance(value, list)})
+
+
+EFFECTS: dict[str, Effect] = {name: _effect(name, table) for name, table in built_in().items()}
 BUILT_IN = tuple(EFFECTS)
 _files: dict[str, str] = {}  # text of the files that were registered, by stem
 
@@ -116,10 +136,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
 
 def force_of(effect: Effect) -> Any:
     """Return the kernel's part of an effect, imported where it is named only; None where it has none."""
-    if not isinstance(effect.force, str):
-        return effect.force
-    module, name = effect.force.split(":")
-    return getattr(importlib.import_module(module), name)
+    return _named(effect.force) if isinstance(effect.force, str) else effect.force
 
 
 def label_effect(label: str) -> str:

@@ -53,25 +53,9 @@ class AddedForce:
     constants: Mapping[str, Constant] = field(default_factory=dict, hash=False)  # M.NAME, from the specimen
 
     @property
-    def has_pressure(self) -> bool:  # taichi knows no None
-        return self.pressure is not None
-
-    @property
-    def has_cloth(self) -> bool:
-        return self.cloth is not None
-
-    @property
     def has_cloth_memory(self) -> bool:
         """Return whether `cloth` may write memory, so that it is asked once more where a step ends."""
-        return self.has_cloth and any(plane.life == state.REMEMBERED for plane in self.planes)
-
-    @property
-    def has_lent(self) -> bool:
-        return self.lent is not None
-
-    @property
-    def has_tension(self) -> bool:
-        return self.tension is not None
+        return self.cloth is not None and any(plane.life == state.REMEMBERED for plane in self.planes)
 
     def __post_init__(self) -> None:
         for plane in self.planes:

@@ -122,7 +122,7 @@ def tension(b, npt, added: ti.template()):
         seen = F.point[b, X.eps + k]
         seen_share = Lanes(1.0)
         for force in ti.static(added):
-            if ti.static(force.has_lent):
+            if ti.static(callable(force.lent)):
                 lent, share = force.lent(b, k)
                 seen -= lent
                 seen_share -= share
@@ -143,9 +143,9 @@ def tension(b, npt, added: ti.template()):
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
         for force in ti.static(added):
-            if ti.static(force.has_lent):
+            if ti.static(callable(force.lent)):
                 F.point[b, X.compliance + k] = F.point[b, X.compliance + k] * seen_share
-            if ti.static(force.has_tension):
+            if ti.static(callable(force.tension)):
                 more, stiffness = force.tension(b, k)
                 F.point[b, X.tension + k] = F.point[b, X.tension + k] + more
                 F.point[b, X.compliance + k] = F.point[b, X.compliance + k] + stiffness

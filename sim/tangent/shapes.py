@@ -1,5 +1,5 @@
 """How shapes at rest change with parameters: the implicit function theorem, f(x, theta) = 0 (docs/model.md); and
-central differences of whole shapes and motions: reference, and what the tangent does not cover."""
+central differences of whole shapes: reference, and what the tangent does not cover."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,10 @@ class Solved:
     changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 
 
-def share_out(columns: Sequence[Sequence[int]]) -> list[tuple[int, tuple[int, ...]]]:
+Share = tuple[int, tuple[int, ...]]  # a case's number, and those of its columns that a lane solves
+
+
+def share_out(columns: Sequence[Sequence[int]]) -> list[Share]:
     """Return lanes for the `columns` of each case, each with its case's number: where there are spare lanes a case
     takes several, each with some of its columns."""
     copies = max(1, min(LANES // max(len(columns), 1), *map(len, columns)) if columns else 1)
@@ -102,13 +105,11 @@ class Balanced:
         for slot, sides in enumerate(moved):
             write_column(slot, self.at_nodes(forces[slot]))
             self.add_viscous(slot, -host.of_damping(sides))
-        changes = {slot: change for slot, sides in enumerate(moved) if (change := host.of_cloth(sides)) is not None}
-        for slot, change in changes.items():
-            for constants, weight in zip(change.sides, (-change.weight, change.weight), strict=True):
+        for slot, sides in enumerate(moved):
+            for constants, weight in host.of_cloth(sides):
                 put(batch.blocks, {"lane": constants})
                 explicit(*batch.grid, batch.support, slot, weight)
-        if changes:
-            put(batch.blocks, {"lane": host.constants})
+        put(batch.blocks, {"lane": host.constants})
 
     def at_nodes(self, values: Array) -> NDArray[np.float32]:
         """Return (blocks, nodes, 3 LANES) of vectors (lanes, n n, 3), as a column has them."""
@@ -139,15 +140,15 @@ def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -
 
 SHIFT = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order
 Shapes = NDArray[np.floating[Any]]
-Outcome = Callable[[Sequence[int], Sequence[Case]], list[Shapes]]  # of moved cases, and of which case each is one
+Outcome = Callable[[Sequence[Case]], list[Shapes]]  # of moved cases
 
 
 class Jacobian(NamedTuple):
     """The derivatives of one case: mid-surfaces, how they change, and which columns are the tangent's, not
     differences."""
 
-    middle: Shapes  # ([T,] n, n, 3) m
-    changes: Shapes  # (p, [T,] n, n, 3) m per unit of the column; NaN where a moved case diverged
+    middle: Shapes  # (n, n, 3) m
+    changes: Shapes  # (p, n, n, 3) m per unit of the column; NaN where a moved case diverged
     exact: NDArray[np.bool_]  # (p,)
 
 
@@ -157,7 +158,7 @@ def differences(
     """Return differences by (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one
     batch."""
     moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
-    shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for both in moves for side in both.sides])
+    shapes = outcome([side for both in moves for side in both.sides])
     return {
         pair: (shapes[2 * k + 1].astype(float) - shapes[2 * k]) / both.width
         for k, (pair, both) in enumerate(zip(pairs, moves, strict=True))
@@ -171,7 +172,7 @@ def completed(
     but for columns without."""
     known = {i: solution for i, solution in solved.items() if solution.settled}
     missing = [i for i in range(len(cases)) if i not in known]
-    middles = dict(zip(missing, outcome(missing, [cases[i] for i in missing]), strict=True)) if missing else {}
+    middles = dict(zip(missing, outcome([cases[i] for i in missing]), strict=True)) if missing else {}
     middles |= {i: solution.middle for i, solution in known.items()}
     pairs = [
         (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.learned import DISCOVERED
 from fabdesign.effects.registry import effects_of, label_effect
 from fabdesign.nouns.array import Array, Indices
 from optimize.fit.cross_validation import LeftOut, Scored
@@ -157,7 +156,7 @@ def discover(task: Task, selection: Selection) -> Judged | None:
     """Fit a formula from the data sheet, as the joint fit: few coefficients beside the declared parameters. None where
     nothing is needed or too little gained."""
     inputs = selection.everything.inputs
-    vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
+    vector = fit_vector(["discovered"], factors=task.factors, designs=task.designs)
     full = task.fit("discovered", vector, FitStart(inputs=inputs), ROUGH)
     coefficients = {vector.names[k]: np.array([k]) for k in np.flatnonzero(~vector.are_factors)}
     needed, x = eliminated(full.minimum, full.covariance, coefficients, NEEDED)

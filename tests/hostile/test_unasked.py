@@ -114,7 +114,7 @@ def test_an_input_is_never_an_output(
     (folder / "link.npz").symlink_to("set/trials/000.npz")
     (folder / "traced").mkdir()
     shutil.copy(folder / "model.toml", folder / "traced")
-    (folder / "own.py").write_text("from fabdesign.effects.environment import AIR_DRAG\n")
+    (folder / "own.py").write_text('from fabdesign.effects import EFFECTS\n\nAIR_DRAG = EFFECTS["air_drag"]\n')
     (folder / "study.toml").write_text(STUDY.replace("vertical", "cross").replace("target.npz", "set/trials/000.npz"))
     write_recording(folder / "recording")
     before = snapshot(folder)
