@@ -71,6 +71,21 @@ def dot(ax, ay, az, bx, by, bz):
 
 
 @ti.func
+def crossed(e, g):
+    """e x g of vectors in one element each."""
+    ax, ay, az = parts(e)
+    bx, by, bz = parts(g)
+    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
+    return Wide(cx, cy, cz)
+
+
+@ti.func
+def dotted(e, g):
+    """e . g of these."""
+    return sum3(e * g)
+
+
+@ti.func
 def exchange(b, nu, pt, plane, adds: ti.template()):
     """F.patch3 = vectors of the plane of F.node3 that begins at `plane`; if adds, F.patch3 is added to these."""
     for r in indices(F.touched[1]):

@@ -4,7 +4,7 @@ import taichi as ti
 
 from sim.forces.muscles import sample
 from sim.kernels.fields import F, X, indices
-from sim.kernels.vectors import Lanes, cross, dot, load_point
+from sim.kernels.vectors import Lanes, crossed, dotted
 from sim.solver.coarse_solve import prolong, restrict
 from sim.solver.flat_cloth import solve_modes, transform
 from sim.solver.muscle_modes import add_sources, contract_rows, functionals
@@ -17,23 +17,18 @@ def woodbury(b, nu, npt):
     ns = npt - 1
     sample(b, nu, npt, F.fu, F.fn, 2, X.fu)
     for k in indices(ns):
-        dx, dy, dz = load_point(b, X.dir + k)
+        along = F.point3[b, X.dir + k]
         for e in indices(2):
             p = k + e
             sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
-            ax, ay, az = load_point(b, X.fu + p)
-            nx, ny, nz = load_point(b, X.fn + p)
-            vx, vy, vz = cross(ax, ay, az, nx, ny, nz)
-            gx, gy, gz = load_point(b, X.fn_u + p)
-            hx, hy, hz = load_point(b, X.fn_v + p)
-            du = dot(dx, dy, dz, ax, ay, az) * sg
-            dv = dot(vx, vy, vz, dx, dy, dz) * sg
+            du = dotted(along, F.point3[b, X.fu + p]) * sg
+            dv = dotted(crossed(F.point3[b, X.fu + p], F.point3[b, X.fn + p]), along) * sg
             o = X.coef + e * 7 * F.points + k
             F.point[b, o] = du
             F.point[b, o + F.points] = dv
-            F.point[b, o + 2 * F.points] = dot(dx, dy, dz, nx, ny, nz) * sg
-            F.point[b, o + 3 * F.points] = dot(dx, dy, dz, gx, gy, gz) * sg
-            F.point[b, o + 4 * F.points] = dot(dx, dy, dz, hx, hy, hz) * sg
+            F.point[b, o + 2 * F.points] = dotted(along, F.point3[b, X.fn + p]) * sg
+            F.point[b, o + 3 * F.points] = dotted(along, F.point3[b, X.fn_u + p]) * sg
+            F.point[b, o + 4 * F.points] = dotted(along, F.point3[b, X.fn_v + p]) * sg
             F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
             F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
     for s in indices(ns):

@@ -8,7 +8,7 @@ import taichi as ti
 
 from sim.forces.muscles import sample, scatter
 from sim.kernels.fields import F, T, X, indices
-from sim.kernels.vectors import Wide, cross, parts, sum3, thrice
+from sim.kernels.vectors import Wide, crossed, sum3, thrice
 
 
 @ti.func
@@ -19,15 +19,6 @@ def muscle_tangent(b, nu, npt):
     pull(b, npt)
     couples(b, npt)
     scatter(b, nu, npt, T.point3, T.d_force, F.f)
-
-
-@ti.func
-def crossed(e, g):
-    """e x g of vectors in one element each."""
-    ax, ay, az = parts(e)
-    bx, by, bz = parts(g)
-    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
-    return Wide(cx, cy, cz)
 
 
 @ti.func
