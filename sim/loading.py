@@ -94,13 +94,18 @@ def side_by_side(values: Sequence[NDArray]) -> NDArray:
     integers = values[0].dtype.kind == "i"
     vectors = values[0].ndim == 2 and len(values[0]) == 3
     lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if integers else np.float32)
+    return by_blocks(lanes)
+
+
+def by_blocks(lanes: NDArray) -> NDArray:
+    """Return (lanes, ...) as the fields have it, (blocks, ..., LANES)."""
     return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
 
 
 def ringed(fields: NDArray) -> NDArray[np.float32]:
     """Return (blocks, nodes, 3, LANES) of vectors (lanes, n, n, 3), with a ring of zeros around each grid."""
     padded = np.pad(fields, ((0, 0), (1, 1), (1, 1), (0, 0))).astype(np.float32)
-    return np.ascontiguousarray(np.moveaxis(padded.reshape(len(fields) // LANES, LANES, -1, 3), 1, -1))
+    return by_blocks(padded.reshape(len(fields), -1, 3))
 
 
 def node_values(specimen: Specimen, n: int) -> dict[str, NDArray]:

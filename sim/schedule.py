@@ -12,7 +12,7 @@ from sim.forces.added import AddedForce
 from sim.forces.contact import Touching
 from sim.grid import Support
 from sim.kernels.fields import LANES, F
-from sim.kernels.reading import on_grid, take
+from sim.kernels.transfer import on_grid, take
 from sim.time_steps import Integrator, Scheme, Steps
 
 

@@ -24,8 +24,7 @@ from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.grid import EDGES
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, indices, ints
-from sim.kernels.reading import record
-from sim.kernels.transfer import halt
+from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
 from sim.schedule import FACTORISED, IDLE, Batch, Schedule
 from sim.solver.coarse_space import assemble

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import ActingPressure, Specimen, Values, built_in
-from fabdesign.effects.fabric import orthotropy_specimen
-from fabdesign.effects.pneumatics import lagged
+from fabdesign.effects.mechanisms import lagged, orthotropy_specimen
 from fabdesign.nouns.array import Array
 
 UNIT = 200e3  # Pa, of which coefficients per pressure are told

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, F, Timed, floats, indices, ints
-from sim.kernels.reading import on_grid
+from sim.kernels.transfer import on_grid
 from sim.state import PAIR
 
 

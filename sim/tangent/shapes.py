@@ -12,8 +12,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, SLOTS, F, T, allocate_tangent
-from sim.kernels.reading import copied, on_grid
-from sim.kernels.transfer import halt, put
+from sim.kernels.transfer import copied, halt, on_grid, put
 from sim.loading import ringed
 from sim.motion import faces
 from sim.schedule import Batch

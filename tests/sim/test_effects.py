@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.effects import BUILT_IN, EFFECTS
 from fabdesign.effects.acting import acting_pressure, observed, specimen_of
 from fabdesign.effects.learned import formula
-from fabdesign.effects.pneumatics import lagged
+from fabdesign.effects.mechanisms import lagged
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
