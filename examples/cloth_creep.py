@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fabdesign.effects import Effect, EffectParameter, Specimen
 from fabdesign.effects.declaration import Values
 from sim.forces.added import AddedForce
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import thrice
 from sim.materials import Constant, M
 from sim.state import REMEMBERED, Plane
@@ -31,8 +31,7 @@ def _aged(before, limit, ages, tau):
 def _creep(b, nu, nv, npt):
     ages = F.scheme[b, AGES]
     for j in range(nv - 1):
-        i = 0
-        while i < nu:
+        for i in indices(nu):
             k = (j + 1) * (nu + 2) + i + 1
             strain = F.node[b, F.ev + k]
             one = _aged(F.node[b, F.cloth_creep_1 + k], F.lane[b, M.CLOTH_CREEP_1] * strain, ages, TIMES[0])
@@ -43,7 +42,6 @@ def _creep(b, nu, nv, npt):
             lost = share * F.lane[b, M.K2] * F.lane[b, M.HU] * (one + two)  # N
             F.node3[b, F.f + k] -= thrice(lost) * F.node3[b, F.tv + k]
             F.node3[b, F.f + k + nu + 2] += thrice(lost) * F.node3[b, F.tv + k]
-            i = F.after[i]
 
 
 def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:

@@ -18,8 +18,7 @@ from sim.forces.added import AddedForce
 from sim.forces.contact import Touching
 from sim.grid import Support
 from sim.kernels.fields import LANES
-from sim.kernels.transfer import load
-from sim.loading import contents_of
+from sim.loading import load
 from sim.schedule import Batch
 
 Result = TypeVar("Result")
@@ -103,14 +102,13 @@ def laid(chunk: Chunk, n: int, self_contact: bool) -> Batch:
     """Return the chunk in the fields, on n x n grids."""
     first = chunk.cases[0]
     support = Support.of(first.design.fabric)
-    contents = contents_of(chunk.lanes, n, support=support, blocks=BLOCKS)
-    load(contents)
+    points = load(chunk.lanes, n, support=support, blocks=BLOCKS)
     touching = Touching(chunk.cases, chunk.packed, n) if self_contact else None
     added: tuple[AddedForce, ...] = ()
     if has_added_force(first):  # those of all effects: one kernel serves them all, and values make them zero
         added = tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))
     smoothing = _smoothing(first.design.fabric, n)
-    return Batch(contents.blocks, n, n, contents.points, support, smoothing, touching, added)
+    return Batch(len(chunk.packed) // LANES, n, n, points, support, smoothing, touching, added)
 
 
 def has_added_force(case: Case) -> bool:

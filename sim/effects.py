@@ -5,7 +5,7 @@ import taichi as ti
 from fabdesign.effects.learned import UNIT
 from sim.forces.added import AddedForce, aged
 from sim.forces.cloth import border
-from sim.kernels.fields import LANES, F, X
+from sim.kernels.fields import LANES, F, X, indices
 from sim.kernels.vectors import Lanes, sum3, thrice
 from sim.materials import Constant, M
 from sim.state import LOADED, REMEMBERED, Plane
@@ -21,15 +21,13 @@ def _drag(b, nu, nv, npt):
     """Quadratic drag against the normal velocity: -c |v_n| v_n per area, along the normal."""
     area = F.lane[b, M.AIR_DRAG] * F.lane[b, M.AREA]
     for j in range(nv):
-        i = 0
-        while i < nu:
+        for i in indices(nu):
             k = (j + 1) * (nu + 2) + i + 1
             _, w1 = border(i, nu)
             _, w2 = border(j, nv)
             normal = F.node3[b, F.n + k]
             along = sum3(F.node3[b, F.v + k] * normal)
             F.node3[b, F.f + k] -= thrice(w1 * w2 * area * ti.abs(along) * along) * normal
-            i = F.after[i]
 
 
 AIR_DRAG = AddedForce(
@@ -49,14 +47,12 @@ def _friction(b, k):
     stiffness = limit / ti.max(F.point[b, X.friction_slip + k], LEAST_SLIP)
     eps = F.point[b, X.eps + k]
     wanted = F.point[b, X.friction + k] + stiffness * (eps - F.point[b, X.friction_eps + k])
-    lane = 0
-    while lane < LANES:
+    for lane in indices(LANES):
         if F.scheme[b, AGES][lane] == 0.0:  # at rest where a motion starts
             wanted[lane] = 0.0
             stiffness[lane] = 0.0
         if ti.abs(wanted[lane]) >= limit[lane]:
             stiffness[lane] = 0.0
-        lane = F.after[lane]
     force = ti.min(ti.max(wanted, -limit), limit)
     F.point[b, X.friction_next + k] = force
     F.point[b, X.friction_eps_next + k] = eps

@@ -16,6 +16,7 @@ from fabdesign.nouns.pressure import RISE_STEPS, rising_program
 from sim.grid import Support
 from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import Values
+from sim.loading import ringed
 from sim.materials import REST_CURVATURES
 from sim.schedule import Batch, Schedule, alike
 from sim.step import Solve
@@ -118,8 +119,7 @@ def rested(batch: Batch) -> NDArray[np.bool_]:
 
 def lying_at(batch: Batch, middle: NDArray[np.float32]) -> Values:
     """Return the state of all lanes at `middle` (n, n, 3) m, at rest there."""
-    padded = np.pad(middle, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
-    every = np.repeat(np.repeat(padded[None, :, :, None], LANES, axis=3), batch.blocks, axis=0).astype(np.float32)
+    every = ringed(np.broadcast_to(middle, (batch.blocks * LANES, *middle.shape)))
     return {"x0": every, "q": every}
 
 

@@ -139,27 +139,21 @@ def touched(design: Design, n: int) -> tuple[int, int]:
 def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     """Return the fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
-    weights = [np.zeros((6, 0, PATCH))]
-    base = [np.zeros((0, 2), np.int32)]
-    offset, active, rest, channel, types, kinds, along = [], [], [], [], [], [], []
-    for index, muscle in enumerate(design.muscles):
-        first, touching, lengths = _loops(muscle, n, hu, hv, across, down)
-        count = len(first)
-        base.append(first)
-        weights.append(touching)
-        kinds += [index] * count
-        along += [*((np.cumsum(lengths) - lengths / 2) / lengths.sum()), 0.0]
-        side = 1.0 if muscle.side == "front" else -1.0
-        offset += [side * design.muscle_types[muscle.type].axis_offset] * count
-        active += [1.0] * (count - 1) + [0.0]
-        rest += [*lengths, 1.0]
-        channel += [muscle.channel] * count
-        types += [muscle.type] * count
+    loops = [_loops(muscle, n, hu, hv, across, down) for muscle in design.muscles]
+    of = [index for index, loop in enumerate(loops) for _ in loop.first]  # the muscle of each fixed point
+    muscles, lengths = [design.muscles[index] for index in of], [loop.lengths for loop in loops]
+    sides = [1.0 if muscle.side == "front" else -1.0 for muscle in muscles]
     return Lacing(
-        np.concatenate(base), np.concatenate(weights, axis=1),
-        np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
-        np.array(kinds, np.int32), np.array(along),
-    )  # fmt: skip
+        base=np.concatenate([np.zeros((0, 2), np.int32), *(loop.first for loop in loops)]),
+        weights=np.concatenate([np.zeros((6, 0, PATCH)), *(loop.weights for loop in loops)], axis=1),
+        offset=np.array([s * design.muscle_types[m.type].axis_offset for s, m in zip(sides, muscles, strict=True)]),
+        active=np.array([share for one in lengths for share in (*np.ones(len(one)), 0.0)]),
+        rest=np.array([length for one in lengths for length in (*one, 1.0)]),
+        channel=np.array([muscle.channel for muscle in muscles], np.int32),
+        muscle_type=tuple(muscle.type for muscle in muscles),
+        muscle=np.array(of, np.int32),
+        along=np.array([p for one in lengths for p in (*((np.cumsum(one) - one / 2) / one.sum()), 0.0)]),
+    )
 
 
 @lru_cache(maxsize=512)

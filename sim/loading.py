@@ -1,4 +1,4 @@
-"""The contents of the fields for a batch of cases."""
+"""The contents of the fields for a batch of cases, put there."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -17,7 +17,7 @@ from sim import state
 from sim.grid import Support, masses, node_arrays, node_means
 from sim.kernels import fields as f
 from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
-from sim.kernels.transfer import Contents, Shared
+from sim.kernels.transfer import fill
 from sim.lacing import Lacing, lace, touched
 from sim.materials import Lane, lane_constants
 from sim.solver.modes import Modes, by_four, modes_across, modes_down, tables
@@ -35,9 +35,9 @@ def bench_grid(table: BenchTable) -> NDArray[np.float32]:
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
 
 
-def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int) -> Contents:
-    """Return what the kernels load of `cases`, one a lane, on n x n grids, with the preconditioner's basis; for fields
-    of `blocks` blocks, which are made where there are none."""
+def load(cases: Sequence[Case], n: int, *, support: Support, blocks: int) -> int:
+    """Put `cases` into the fields, one a lane, on n x n grids, with the preconditioner's basis: of `blocks` blocks,
+    which are made where there are none. Return the most fixed points of any case."""
     points = max(sum(len(m.fixed_points()) for m in case.design.muscles) for case in cases)
     _require_room(points, blocks)
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
@@ -61,15 +61,16 @@ def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int)
         )
     values = {name: side_by_side([lane[name] for lane in lanes]) for name in lanes[0]}
     coarse, place = tables(modes, down_modes, down_eigen)
-    shared = Shared(
-        across, down, modes.odd,
+    fill(
+        len(cases) // LANES, values | {"lane": constants_of(specimens, n)},
+        across=across, down=down, odd=modes.odd,
         basis=by_four(modes).astype(np.float32),
         eigen=np.stack([modes.stretching, modes.bending, modes.slopes], axis=1).astype(np.float32),
         table=np.array([bench_grid(kind.bench) for _, kind in types], np.float32).reshape(-1, *TABLE),
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
-    return Contents(len(cases) // LANES, points, values | {"lane": constants_of(specimens, n)}, shared)
+    return points
 
 
 def _require_room(points: int, blocks: int) -> None:
@@ -93,7 +94,18 @@ def side_by_side(values: Sequence[NDArray]) -> NDArray:
     integers = values[0].dtype.kind == "i"
     vectors = values[0].ndim == 2 and len(values[0]) == 3
     lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if integers else np.float32)
+    return by_blocks(lanes)
+
+
+def by_blocks(lanes: NDArray) -> NDArray:
+    """Return (lanes, ...) as the fields have it, (blocks, ..., LANES)."""
     return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
+
+
+def ringed(fields: NDArray) -> NDArray[np.float32]:
+    """Return (blocks, nodes, 3, LANES) of vectors (lanes, n, n, 3), with a ring of zeros around each grid."""
+    padded = np.pad(fields, ((0, 0), (1, 1), (1, 1), (0, 0))).astype(np.float32)
+    return by_blocks(padded.reshape(len(fields), -1, 3))
 
 
 def node_values(specimen: Specimen, n: int) -> dict[str, NDArray]:

@@ -68,15 +68,6 @@ def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArr
         row, column = np.argwhere(bad[first].any(axis=-1))[0]
         diverged = (float(time[first]), (int(row), int(column)))
         middle[first:], state[first:] = np.nan, np.nan
-    kept = [k for m in _spans(case) for k in m]
+    counts = [len(muscle.fixed_points()) for muscle in case.design.muscles]
+    kept = np.setdiff1d(np.arange(sum(counts)), np.cumsum(counts) - 1)  # no interval begins at a muscle's last point
     return SimulatedMotion(time, middle, state[:, kept, 0], state[:, kept, 1], case.design.fabric.thickness, diverged)
-
-
-def _spans(case: Case) -> list[range]:
-    """Return indices of each muscle's intervals among all fixed points."""
-    spans, start = [], 0
-    for muscle in case.design.muscles:
-        count = len(muscle.fixed_points())
-        spans.append(range(start, start + count - 1))
-        start += count
-    return spans

@@ -10,8 +10,8 @@ from fabdesign.nouns.forward import Case
 from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
 from sim.kernels.fields import LANES, lock
-from sim.kernels.reading import take
-from sim.kernels.transfer import Values, put
+from sim.kernels.transfer import Values, put, take
+from sim.loading import by_blocks
 from sim.motion import SimulatedMotion, motion_of
 from sim.schedule import Batch, of_motions
 from sim.simulator import Simulator
@@ -112,11 +112,7 @@ def _resumed(simulator: Simulator, chunk: Chunk, states: Sequence[State]) -> Bat
     """Return the chunk in the fields, each case in its state."""
     batch = laid(chunk, simulator.points_per_side, simulator.self_contact)
     lanes = [states[k] for k in chunk.packed]
-    values = {}
-    for name in _names():
-        each = np.array([lane.values[name] for lane in lanes])
-        values[name] = np.ascontiguousarray(np.moveaxis(each.reshape(batch.blocks, LANES, *each.shape[1:]), 1, -1))
-    put(batch.blocks, values)
+    put(batch.blocks, {name: by_blocks(np.array([lane.values[name] for lane in lanes])) for name in _names()})
     return batch
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sim.forces.added import AddedForce
 from sim.forces.contact import Touching
 from sim.grid import Support
-from sim.kernels.fields import LANES
-from sim.kernels.reading import read, read_states
+from sim.kernels.fields import LANES, F
+from sim.kernels.transfer import on_grid, take
 from sim.time_steps import Integrator, Scheme, Steps
 
 
@@ -35,15 +35,13 @@ class Batch:
 
     def positions(self, plane: int) -> NDArray[np.float32]:
         """Return (lanes, n, n, 3) m, in a plane of F.node3."""
-        out = np.empty((self.blocks, LANES, self.nu * self.nv, 3), np.float32)
-        read(*self.grid, plane, out)
-        return out.reshape(-1, self.nv, self.nu, 3)
+        return on_grid(F.node3, self.grid, plane)
 
     def states(self) -> NDArray[np.float32]:
         """Return (lanes, points, 2): contraction and tension [N] of every interval as last evaluated."""
-        out = np.zeros((self.blocks, LANES, max(self.points, 1), 2), np.float32)
-        read_states(self.blocks, self.points, out)
-        return out[:, :, : self.points].reshape(self.blocks * LANES, self.points, 2)
+        state = take(self.blocks, ("eps", "tension"))
+        by_lane = np.stack([state[name][:, : self.points].swapaxes(1, 2) for name in ("eps", "tension")], axis=-1)
+        return by_lane.reshape(self.blocks * LANES, self.points, 2)
 
 
 PLAIN, FACTORISED, IDLE = range(3)  # what a block does: a step, one with the preconditioner factored anew, nothing

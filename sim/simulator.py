@@ -1,6 +1,6 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -29,8 +29,10 @@ from sim.settings import Settings
 from sim.step import Solve, advance
 from sim.tangent.explicit import LaneColumns, MovedCases
 from sim.tangent.motion import balance_of, pressures_until, solve_in_motion
-from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
+from sim.tangent.shapes import Jacobian, Share, Solved, completed, faces_changes, share_out, solve_at_rest, together
 from sim.time_steps import Jumps, Steps, jumps_of, steps_of
+
+Solves = Callable[[Chunk, list[Share]], list[Solved]]
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,7 @@ class Simulator(Settings):
     ) -> list[Jacobian]:
         """Return the same by differences of shapes, but for what is `solved` already, by the case's place."""
 
-        def shapes(_: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
+        def shapes(moved: Sequence[Case]) -> list[NDArray[np.float32]]:
             return [shape.middle[0] for shape in self.rest(moved)]
 
         return completed(shapes, cases, columns, solved)
@@ -201,32 +203,27 @@ class Simulator(Settings):
         jacobians = self.shape_jacobian(cases, columns)
         return [faces_changes(one, case.design.fabric.thickness) for case, one in zip(cases, jacobians, strict=True)]
 
-    def motion_jacobian(
-        self, cases: Sequence[Case], times: Sequence[Array], columns: Sequence[Column]
-    ) -> list[Jacobian]:
-        """Return motions at their `times` and how they change with each column, by differences of motions: two a
-        column."""
-
-        def frames(places: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
-            return [motion.middle for motion in self.run(moved, [times[i] for i in places])]
-
-        return completed(frames, cases, columns, {})
-
     def _solve_shapes(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[Solved]:
         """Return each case's shape with those columns that the tangent gave."""
         solvable = [
             [c for c, column in enumerate(columns) if all(map(_has_tangent, move(case, column, column.step).sides))]
             for case in cases
         ]
-        shares = share_out(solvable)
         moved = MovedCases(cases, columns, self.points_per_side, self._at_rest_pressure)
+
+        def solve(chunk: Chunk, lanes: Sequence[Share]) -> list[Solved]:
+            return solve_at_rest(self._at_rest(chunk), [LaneColumns(*lane) for lane in lanes], moved)
+
+        return self._solved(cases, solvable, solve)
+
+    def _solved(self, cases: Sequence[Case], columns: Sequence[Sequence[int]], solve: Solves) -> list[Solved]:
+        """Return what is solved of each case, whose `columns` lanes share: solve(chunk, the share of each lane)."""
+        shares = share_out(columns)
         results: list[list[Solved]] = [[] for _ in cases]
         with lock:
             for chunk in chunks_of([cases[i] for i, _ in shares], self.points_per_side):
-                batch = self._at_rest(chunk)
-                lanes = [LaneColumns(*shares[chunk.places[k]]) for k in chunk.packed]
-                for i, one in chunk.unpacked(solve_at_rest(batch, lanes, moved)):
-                    results[shares[i][0]].append(one)
+                for k, one in chunk.unpacked(solve(chunk, [shares[chunk.places[k]] for k in chunk.packed])):
+                    results[shares[k][0]].append(one)
         return [together(parts) for parts in results]
 
     def balances(
@@ -237,26 +234,22 @@ class Simulator(Settings):
         force that an effect adds is as the course has led to, and stays as it is."""
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("balances", cases, courses, columns)
-        instants = [course.instants for course in courses]
-        until = max((one.time for some in instants for one in some), default=0.0)
+        frames = [(i, instant) for i, course in enumerate(courses) for instant in course.instants]
+        until = max((instant.time for _, instant in frames), default=0.0)
         pressure = partial(pressures_until, until=until, tick=self.time_step)
         moved = MovedCases(cases, columns, self.points_per_side, pressure, courses=courses, tick=self.time_step)
-        frames = [(i, f) for i, some in enumerate(instants) for f in range(len(some))]
-        shares = share_out([range(len(columns))] * len(frames))
-        results: list[list[Solved]] = [[] for _ in frames]
-        with lock:
-            for chunk in chunks_of([cases[frames[k][0]] for k, _ in shares], self.points_per_side):
-                batch = laid(chunk, self.points_per_side, False)
-                lanes, states = [], []
-                for k, some in (shares[chunk.places[packed]] for packed in chunk.packed):
-                    i, f = frames[k]
-                    states.append(instants[i][f])
-                    tick = round(states[-1].time / self.time_step)
-                    lanes.append(LaneColumns(i, some, tick, states[-1].acceleration))
-                for k, one in chunk.unpacked(solve_in_motion(batch, lanes, moved, states)):
-                    results[shares[k][0]].append(one)
-        balances = iter(balance_of(together(parts), len(columns)) for parts in results)
-        return [[next(balances) for _ in some] for some in instants]
+
+        def solve(chunk: Chunk, lanes: Sequence[Share]) -> list[Solved]:
+            states = [frames[k][1] for k, _ in lanes]
+            of_lanes = [
+                LaneColumns(frames[k][0], some, round(state.time / self.time_step), state.acceleration)
+                for (k, some), state in zip(lanes, states, strict=True)
+            ]
+            return solve_in_motion(laid(chunk, self.points_per_side, False), of_lanes, moved, states)
+
+        solved = self._solved([cases[i] for i, _ in frames], [range(len(columns))] * len(frames), solve)
+        balances = iter(balance_of(one, len(columns)) for one in solved)
+        return [[next(balances) for _ in course.instants] for course in courses]
 
     def _at_rest(self, chunk: Chunk, approach: Approach = Approach.USUAL) -> Batch:
         """Return the chunk in the fields, after a damped motion to rest under its last pressures."""

@@ -23,9 +23,8 @@ from sim.forces.cloth import fabric_force, velocities
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, ints
-from sim.kernels.reading import record
-from sim.kernels.transfer import halt
+from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, indices, ints
+from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
 from sim.schedule import FACTORISED, IDLE, Batch, Schedule
 from sim.solver.coarse_space import assemble
@@ -138,7 +137,7 @@ def step(
                 muscles_pull(b, nu, npt)
             contact(b, nu)
         for force in ti.static(added):
-            if ti.static(force.has_cloth):  # noqa: SIM102 decided when the kernel is compiled
+            if ti.static(callable(force.cloth)):  # noqa: SIM102 decided when the kernel is compiled
                 if i <= last or ti.static(force.has_cloth_memory):
                     force.cloth(b, nu, nv, npt)
         if i == 0:
@@ -163,26 +162,18 @@ def step(
 @ti.func
 def begin(b, m, npt, added: ti.template(), scheme: ti.template(), pressure: ti.template()):
     """The lanes' schemes and their muscles' pressures in step m."""
-    lane = 0
-    while lane < LANES:
-        k = 0
-        while k < scheme.shape[2]:
+    for lane in indices(LANES):
+        for k in indices(scheme.shape[2]):
             F.scheme[b, k][lane] = scheme[m, b, k, lane]
-            k = F.after[k]
-        k = 0
-        while k < npt:
+        for k in indices(npt):
             acting = pressure[m, b, F.channel[b, k][lane], lane]
             F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
-            k = F.after[k]
-        lane = F.after[lane]
     for force in ti.static(added):
         if ti.static(force.stressed):
             age_stress(b)
-        if ti.static(force.has_pressure):
-            k = 0
-            while k < npt:
+        if ti.static(callable(force.pressure)):  # taichi knows no None
+            for k in indices(npt):
                 F.point[b, X.pressure + k] = force.pressure(b, k)
-                k = F.after[k]
 
 
 @ti.func
@@ -201,8 +192,7 @@ def predict(b, nu, nv):
     h, am, af, ga, ia, ry, ba = coefficients(b)
     known = thrice(F.scheme[b, KNOWN] * (1.0 - F.reduce[b, UNCONVERGED])) * 0.5 * h * h
     P = (nu + 2) * (nv + 2)
-    k = 0
-    while k < P:
+    for k in indices(P):
         x0 = F.node3[b, F.x0 + k]
         v0 = F.node3[b, F.v0 + k]
         a0 = F.node3[b, F.a0 + k]
@@ -213,7 +203,6 @@ def predict(b, nu, nv):
         F.node3[b, F.ha + k] = (1 - am) * a1 + am * a0
         F.node3[b, F.hv + k] = hv
         F.node3[b, F.q + k] = x0 + (h * v0 + known * a0) / ry
-        k = F.after[k]
 
 
 @ti.func
@@ -239,8 +228,7 @@ def finish(b, nu, nv):
     h, _, _, ga, ia, ry, ba = coefficients(b)
     carried = thrice(F.scheme[b, CARRIED] * (1.0 - F.reduce[b, UNCONVERGED]))
     P = (nu + 2) * (nv + 2)
-    k = 0
-    while k < P:
+    for k in indices(P):
         x0 = F.node3[b, F.x0 + k]
         v0 = F.node3[b, F.v0 + k]
         a0 = F.node3[b, F.a0 + k]
@@ -251,4 +239,3 @@ def finish(b, nu, nv):
         F.node3[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
         F.node3[b, F.a0 + k] = a1
         F.node3[b, F.carried + k] = carried * F.node3[b, F.r + k]
-        k = F.after[k]

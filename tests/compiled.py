@@ -10,8 +10,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from sim.forces.cloth import fabric_force
 from sim.grid import Support
 from sim.kernels.fields import LANES, F, Timed
-from sim.kernels.transfer import load
-from sim.loading import contents_of
+from sim.loading import load
 from sim.time_steps import Integrator, Scheme
 from tests.sim_designs import cloth
 
@@ -28,7 +27,7 @@ def _forces(n: ti.i32):
 
 def main() -> None:
     case = Case(cloth(), PressureProgram(np.array([0.0]), np.zeros((1, 1)), 1.0))
-    load(contents_of([case] * LANES, N, support=Support.TOP, blocks=1))
+    load([case] * LANES, N, support=Support.TOP, blocks=1)
     scheme, state = F.scheme.to_numpy(), F.node3.to_numpy()
     scheme[0] = np.array(SCHEME.entries(Support.NONE))[:, None]
     inside = ((np.arange(N)[:, None] + 1) * (N + 2) + np.arange(N) + 1).ravel()

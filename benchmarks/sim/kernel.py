@@ -20,8 +20,7 @@ from sim.forces.cloth import fabric_force
 from sim.grid import Support
 from sim.kernels import fields
 from sim.kernels.fields import SPREAD, F, Timed
-from sim.kernels.transfer import load
-from sim.loading import contents_of
+from sim.loading import load
 from sim.materials import M
 from sim.solver.flat_cloth import factorise
 from sim.solver.muscles import solve
@@ -88,7 +87,7 @@ class ByTaichi:
         self.n = n
         [case] = reference(1)
         bare = replace(case, design=replace(case.design, muscle_types={}, muscles=()))  # no bench table to fit
-        load(contents_of([bare] * fields.LANES, n, support=Support.TOP, blocks=BLOCKS))
+        load([bare] * fields.LANES, n, support=Support.TOP, blocks=BLOCKS)
         scheme = F.scheme.to_numpy()
         scheme[0] = np.array(SCHEME.entries(Support.NONE))[:, None]
         F.scheme.from_numpy(scheme)

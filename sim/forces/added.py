@@ -30,7 +30,7 @@ from typing import Any
 import taichi as ti
 
 from sim import materials, state
-from sim.kernels.fields import LANES, F, X
+from sim.kernels.fields import LANES, F, X, indices
 from sim.materials import Constant, M
 from sim.state import LOADED, NEXT, REMEMBERED, Plane
 from sim.time_steps import AGES
@@ -53,25 +53,9 @@ class AddedForce:
     constants: Mapping[str, Constant] = field(default_factory=dict, hash=False)  # M.NAME, from the specimen
 
     @property
-    def has_pressure(self) -> bool:  # taichi knows no None
-        return self.pressure is not None
-
-    @property
-    def has_cloth(self) -> bool:
-        return self.cloth is not None
-
-    @property
     def has_cloth_memory(self) -> bool:
         """Return whether `cloth` may write memory, so that it is asked once more where a step ends."""
-        return self.has_cloth and any(plane.life == state.REMEMBERED for plane in self.planes)
-
-    @property
-    def has_lent(self) -> bool:
-        return self.lent is not None
-
-    @property
-    def has_tension(self) -> bool:
-        return self.tension is not None
+        return self.cloth is not None and any(plane.life == state.REMEMBERED for plane in self.planes)
 
     def __post_init__(self) -> None:
         for plane in self.planes:
@@ -105,21 +89,17 @@ def remember(b):
 
 @ti.func
 def keep(b, field: ti.template(), memory, successor, count):
-    k = 0
-    while k < count:
+    for k in indices(count):
         field[b, memory + k] = field[b, successor + k]
-        k = F.after[k]
 
 
 @ti.func
 def age_stress(b):
     """Return by how much memory follows in this step."""
     share = aged(b, F.lane[b, M.RELAXED_TIME])
-    lane = 0
-    while lane < LANES:
+    for lane in indices(LANES):
         if F.scheme[b, AGES][lane] == 0.0:  # on the way to where a motion starts
             share[lane] = 1.0
-        lane = F.after[lane]
     F.aged[b, 0] = share
 
 
@@ -127,10 +107,8 @@ def age_stress(b):
 def relaxes(b):
     """Return whether stress relaxes in any lane."""
     most = ti.f32(0.0)
-    lane = 0
-    while lane < LANES:
+    for lane in indices(LANES):
         most = ti.max(most, F.lane[b, M.RELAXED_SHARE][lane])
-        lane = F.after[lane]
     return most > 0.0
 
 

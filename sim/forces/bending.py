@@ -4,8 +4,8 @@ import taichi as ti
 
 from sim.forces.added import relaxed, stiffer
 from sim.grid import BOTTOM, LEFT, RIGHT
-from sim.kernels.fields import F
-from sim.kernels.vectors import cross, difference, dot, load, parts, store, thrice
+from sim.kernels.fields import F, indices
+from sim.kernels.vectors import Wide, crossed, dotted, parts, thrice
 from sim.materials import M
 
 
@@ -43,25 +43,22 @@ def neighbours(nu, nv, i, j):
 def star_row(b, nu, nv, j, stressed: ti.template()):
     """node normals, curvatures, bending moments, and the moments' couples on the normal"""
     s = nu + 2
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * s + i + 1
         w, e, n, d, has1, has2, wt = neighbours(nu, nv, i, j)
         hh = has1 * has2
-        ax, ay, az = difference(b, F.q + w, F.q + e)
-        bx, by, bz = difference(b, F.q + n, F.q + d)
-        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
-        il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
-        nx, ny, nz = nx * il, ny * il, nz * il
+        along_u = F.node3[b, F.q + e] - F.node3[b, F.q + w]
+        along_v = F.node3[b, F.q + d] - F.node3[b, F.q + n]
+        normal = crossed(along_v, along_u)
+        il = 1.0 / ti.sqrt(dotted(normal, normal))
+        normal = thrice(il) * normal
         # second differences over h, edge by edge: neighbours lie close, so that their difference is exact
         x = F.node3[b, F.q + k]
         turn_u = thrice(F.lane[b, M.IHU]) * ((F.node3[b, F.q + e] - x) - (x - F.node3[b, F.q + w]))
         turn_v = thrice(F.lane[b, M.IHV]) * ((F.node3[b, F.q + d] - x) - (x - F.node3[b, F.q + n]))
-        ux, uy, uz = parts(turn_u)
-        vx, vy, vz = parts(turn_v)
         # curvatures times h, beyond those of the free cloth
-        k1 = dot(nx, ny, nz, ux, uy, uz) - F.lane[b, M.CURVED1] * F.lane[b, M.HU]
-        k2 = dot(nx, ny, nz, vx, vy, vz) - F.lane[b, M.CURVED2] * F.lane[b, M.HV]
+        k1 = dotted(normal, turn_u) - F.lane[b, M.CURVED1] * F.lane[b, M.HU]
+        k2 = dotted(normal, turn_v) - F.lane[b, M.CURVED2] * F.lane[b, M.HV]
         A = F.lane[b, M.AREA] * wt
         M1 = (
             F.lane[b, M.IHU]
@@ -84,34 +81,27 @@ def star_row(b, nu, nv, j, stressed: ti.template()):
         F.node[b, F.s1 + k] = M1
         F.node[b, F.s2 + k] = M2
         # couple on the normal, tangential part
-        mx, my, mz = M1 * ux + M2 * vx, M1 * uy + M2 * vy, M1 * uz + M2 * vz
-        cn = dot(mx, my, mz, nx, ny, nz)
-        cx, cy, cz = (mx - cn * nx) * il, (my - cn * ny) * il, (mz - cn * nz) * il
-        store(b, F.n + k, nx, ny, nz)
-        ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
-        store(b, F.na + k, ex, ey, ez)
-        ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
-        store(b, F.nb + k, ex, ey, ez)
-        i = F.after[i]
+        turning = thrice(M1) * turn_u + thrice(M2) * turn_v
+        couple = (turning - thrice(dotted(turning, normal)) * normal) * thrice(il)
+        F.node3[b, F.n + k] = normal
+        F.node3[b, F.na + k] = crossed(along_v, couple)
+        F.node3[b, F.nb + k] = crossed(couple, along_u)
 
 
 @ti.func
 def clamp_pass(b, nu, nv, support, stressed: ti.template()):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
     count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
-    i = 0
-    while i < count:
+    for i in indices(count):
         k, e, w = clamped_ends(nu, nv, support, count, i)
-        dx, dy, dz = difference(b, F.q + k, F.q + e)
+        dx, dy, dz = parts(F.node3[b, F.q + e] - F.node3[b, F.q + k])
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
         m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * (tz - 0.5 * h * curved)
         if ti.static(stressed):
             m = relaxed(b, F.relaxed_clamp + k, F.relaxed_clamp_next + k, stiffer(b, k, k) * m)
         m *= il
-        fx, fy, fz = load(b, F.f + e)
-        store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
-        i = F.after[i]
+        F.node3[b, F.f + e] = F.node3[b, F.f + e] + Wide(m * tz * dx * il, m * tz * dy * il, -m * (1.0 - tz * tz))
 
 
 @ti.func

@@ -8,7 +8,7 @@ import taichi as ti
 from sim.forces.bending import clamp_pass, star_row
 from sim.forces.membrane import cell_row, edge_force_row, edge_row, velocity_row
 from sim.grid import EDGES
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import Wide, thrice
 from sim.materials import M
 from sim.time_steps import CA, CV
@@ -40,10 +40,8 @@ def fabric_force(b, nu, nv, support, stressed: ti.template()):
 @ti.func
 def velocities(b, nu, nv):
     """v = cv (q - x0) + hv"""
-    j = 0
-    while j < nv:
+    for j in indices(nv):
         velocity_row(b, nu, nv, j)
-        j = F.after[j]
 
 
 @ti.func
@@ -88,8 +86,7 @@ def gather_row(b, nu, nv, j):
     g = Wide(F.lane[b, M.GX], F.lane[b, M.GY], F.lane[b, M.GZ])
     ca = thrice(F.scheme[b, CA])
     drag = thrice(F.lane[b, M.AIR] * F.lane[b, M.AREA])
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * s + i + 1
         s1, w1 = border(i, nu)
         s2, w2 = border(j, nv)
@@ -100,7 +97,6 @@ def gather_row(b, nu, nv, j):
             - w1 * w2 * drag * F.node3[b, F.v + k]
             + F.node3[b, F.carried + k]
         )
-        i = F.after[i]
 
 
 @ti.func

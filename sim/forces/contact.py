@@ -15,22 +15,18 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
-from sim.kernels.fields import LANES, F, Timed, floats, ints
-from sim.kernels.reading import read
+from sim.kernels.fields import LANES, F, Timed, floats, indices, ints
+from sim.kernels.transfer import on_grid
 from sim.state import PAIR
 
 
 @ti.func
 def contact(b, nu):
     """f += forces of all pairs; there are none where self_contact is off."""
-    k = 0
-    while k < F.pairs[b]:
-        lane = 0
-        while lane < LANES:
+    for k in indices(F.pairs[b]):
+        for lane in indices(LANES):
             if F.pair[b, PAIR * k + 4][lane] > 0:  # a spare entry of this lane has no stiffness
                 press(b, nu + 2, k, lane)
-            lane = F.after[lane]
-        k = F.after[k]
 
 
 @ti.func
@@ -84,13 +80,11 @@ def put(nb: ti.i32, index: ints(4), value: floats(4)):
     for b in range(nb):
         F.pairs[b] = index.shape[2]
         for lane in range(LANES):
-            k = 0
-            while k < index.shape[2]:
+            for k in indices(index.shape[2]):
                 F.pair_node[b, k][lane] = index[b, 0, k, lane]
                 F.pair_cell[b, k][lane] = index[b, 1, k, lane]
                 for e in range(PAIR):
                     F.pair[b, PAIR * k + e][lane] = value[b, e, k, lane]
-                k = F.after[k]
 
 
 Ints = NDArray[np.int_]
@@ -100,21 +94,14 @@ LAYER_CELLS, LAYER_THICKNESSES = 3, 3  # along the cloth: nearer is the same lay
 SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
 
 
-@dataclass(frozen=True, eq=False)
-class ContactPairs:
-    """The contacts of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
+# the contact of a node: the cell it meets; where in the cell, 0 ... 1 along u (xi) and v (eta); from which side: 1
+# where the node lies on the front of the cell, -1 behind, 0 without a pair; distance [m]
+CONTACT = np.dtype([("row", int), ("column", int), ("xi", float), ("eta", float), ("side", float), ("distance", float)])
+ContactPairs = NDArray[np.void]  # (n n, LAYERS) of CONTACT
 
-    row: Ints
-    column: Ints
-    xi: Array  # 0 ... 1 along u
-    eta: Array
-    side: Array  # 1 where the node lies on the front of the cell, -1 behind, 0 without a pair
-    distance: Array  # m
 
-    @classmethod
-    def none(cls, nodes: int) -> "ContactPairs":
-        size = nodes, LAYERS
-        return cls(np.zeros(size, int), np.zeros(size, int), *(np.zeros(size) for _ in range(4)))
+def no_pairs(nodes: int) -> ContactPairs:
+    return np.zeros((nodes, LAYERS), CONTACT)
 
 
 @dataclass(frozen=True)
@@ -166,19 +153,17 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
     side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
     close = np.flatnonzero(beside & (distance < cutoff))
     close = close[np.lexsort((distance[close], node[close]))]
-    pairs = ContactPairs.none(n * n)
+    candidates = np.rec.fromarrays([row, column, xi, eta, side, distance], dtype=CONTACT).view(np.ndarray)
+    pairs = no_pairs(n * n)
     for layer in range(LAYERS):
         nodes, first = np.unique(node[close], return_index=True)
-        chosen = close[first]
-        pairs.row[nodes, layer], pairs.column[nodes, layer] = row[chosen], column[chosen]
-        pairs.xi[nodes, layer], pairs.eta[nodes, layer] = xi[chosen], eta[chosen]
-        pairs.side[nodes, layer], pairs.distance[nodes, layer] = side[chosen], distance[chosen]
-        for then in range(LAYERS):
-            kept = before.side[nodes, then]
-            same = _close(row[chosen] - before.row[nodes, then], column[chosen] - before.column[nodes, then], sheet)
-            pairs.side[nodes, layer] = np.where(same & (kept != 0), kept, pairs.side[nodes, layer])
-        i = node[close]
-        close = close[~_close(row[close] - pairs.row[i, layer], column[close] - pairs.column[i, layer], sheet)]
+        chosen = candidates[close[first]]
+        for kept in before[nodes].T:
+            same = _close(chosen["row"] - kept["row"], chosen["column"] - kept["column"], sheet)
+            chosen["side"] = np.where(same & (kept["side"] != 0), kept["side"], chosen["side"])
+        pairs[nodes, layer] = chosen
+        met = pairs[node[close], layer]
+        close = close[~_close(row[close] - met["row"], column[close] - met["column"], sheet)]
     return pairs
 
 
@@ -216,7 +201,7 @@ class Touching:
     def __init__(self, cases: Sequence[Case], packed: Sequence[int], n: int) -> None:
         self.packed = packed
         self.sheets, self.n = [ContactSheet.of(case, n) for case in cases], n
-        self.pairs = [ContactPairs.none(n * n) for _ in cases]
+        self.pairs = [no_pairs(n * n) for _ in cases]
         self.paired_at: list[Array | None] = [None] * len(cases)
         self.last: list[Array | None] = [None] * len(cases)
         self.far = [0.0] * len(cases)  # m, from where on a pair cannot touch before pairs are found anew
@@ -226,9 +211,7 @@ class Touching:
         """Find pairs anew, where they have moved, before a step of h (lanes,) s."""
         n = self.n
         lanes = [self.packed.index(i) for i in range(len(self.sheets))]
-        out = np.empty((blocks, LANES, n * n, 3), np.float32)
-        read(blocks, n, n, F.x0, out)
-        shapes = out.reshape(-1, n, n, 3)[lanes].astype(float)
+        shapes = on_grid(F.node3, (blocks, n, n), F.x0)[lanes].astype(float)
         anew = [
             self._refresh(i, x, float(h[lane] / self.h[i]))
             for i, (lane, x) in enumerate(zip(lanes, shapes, strict=True))
@@ -243,12 +226,12 @@ class Touching:
         sheet, last, at = self.sheets[index], self.last[index], self.paired_at[index]
         self.last[index] = x
         if not np.abs(x).max() < 10.0:  # diverged
-            anew = bool(self.pairs[index].side.any())
-            self.pairs[index] = ContactPairs.none(self.n * self.n)
+            anew = bool(self.pairs[index]["side"].any())
+            self.pairs[index] = no_pairs(self.n * self.n)
             return anew
         step = 0.0 if last is None else float(np.linalg.norm(x - last, axis=-1).max()) * ratio
         slack = min(sheet.spacing)
-        paired = bool(self.pairs[index].side.any())
+        paired = bool(self.pairs[index]["side"].any())
         if at is not None:
             moved = float(np.linalg.norm(x - at, axis=-1).max())
             if moved + (0 if paired else step) < (SLIP * sheet.thickness if paired else slack / 2):
@@ -257,7 +240,7 @@ class Touching:
         self.pairs[index] = find(x, sheet, cutoff, self.pairs[index])
         self.paired_at[index] = x
         self.far[index] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
-        return paired or bool(self.pairs[index].side.any())
+        return paired or bool(self.pairs[index]["side"].any())
 
     def _put(self, blocks: int) -> None:
         """Put all pairs into the fields."""
@@ -275,15 +258,11 @@ class Touching:
         """Return (2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness
         [N/m]."""
         n, sheet, pairs = self.n, self.sheets[index], self.pairs[index]
-        node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[index]))
+        node, layer = np.nonzero((pairs["side"] != 0) & (pairs["distance"] < self.far[index]))
         row, column = np.divmod(node, n)
         half_u, half_v = (np.where((k == 0) | (k == n - 1), 0.5, 1.0) for k in (column, row))
         stiffness = sheet.stiffness * sheet.spacing[0] * sheet.spacing[1] * half_u * half_v
-        at = node, layer
-        return (
-            np.stack([
-                (row + 1) * (n + 2) + column + 1,
-                (pairs.row[at] + 1) * (n + 2) + pairs.column[at] + 1,
-            ]),
-            np.stack([pairs.xi[at], pairs.eta[at], pairs.side[at], np.full(len(node), sheet.thickness), stiffness]),
-        )  # fmt: skip
+        met = pairs[node, layer]
+        nodes = [(j + 1) * (n + 2) + i + 1 for j, i in ((row, column), (met["row"], met["column"]))]
+        values = [met["xi"], met["eta"], met["side"], np.full(len(node), sheet.thickness), stiffness]
+        return np.stack(nodes), np.stack(values)

@@ -4,8 +4,8 @@ shear (equation 3) and twist (equation 6)."""
 import taichi as ti
 
 from sim.forces.added import relaxed, relaxed_more, stiffer
-from sim.kernels.fields import F
-from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
+from sim.kernels.fields import F, indices
+from sim.kernels.vectors import Wide, crossed, dotted, thrice
 from sim.materials import M
 from sim.time_steps import CV
 
@@ -17,11 +17,9 @@ CURVATURE = 7.0
 @ti.func
 def velocity_row(b, nu, nv, j):
     cv = thrice(F.scheme[b, CV])
-    i = 0
-    while i < nu:
+    for i in indices(nu):
         k = (j + 1) * (nu + 2) + i + 1
         F.node3[b, F.v + k] = cv * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) + F.node3[b, F.hv + k]
-        i = F.after[i]
 
 
 @ti.func
@@ -55,25 +53,22 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
     quadratic = F.lane[b, M.Q1] if ti.static(along_u) else F.lane[b, M.Q2]
     cubic = F.lane[b, M.R1] if ti.static(along_u) else F.lane[b, M.R2]
     vA = F.lane[b, M.VISCOSITY] * A * ih
-    i = 0
-    while i < count:
+    for i in indices(count):
         k = (j + 1) * s + i + 1
         e = k + step
         w = edge_share(nu, nv, i, j, along_u)
-        dx, dy, dz = difference(b, F.q + k, F.q + e)
-        il = 1.0 / ti.sqrt(dot(dx, dy, dz, dx, dy, dz))
-        tx, ty, tz = dx * il, dy * il, dz * il
+        apart = F.node3[b, F.q + e] - F.node3[b, F.q + k]
+        il = 1.0 / ti.sqrt(dotted(apart, apart))
+        tangent = thrice(il) * apart
         ep = ih / il - 1.0
         up = ti.max(ep, 0.0)
-        vx, vy, vz = difference(b, F.v + k, F.v + e)
-        r = dot(vx, vy, vz, tx, ty, tz)
-        store(b, t + k, tx, ty, tz)
+        r = dotted(F.node3[b, F.v + e] - F.node3[b, F.v + k], tangent)
+        F.node3[b, t + k] = tangent
         F.node[b, strain + k] = ep
         elastic = w * (kA * ep + A * up * up * (quadratic + cubic * up))
         if ti.static(stressed):
             elastic = relaxed(b, memory + k, successor + k, stiffer(b, k, e) * elastic)
         F.node[b, tension + k] = elastic + w * vA * r
-        i = F.after[i]
 
 
 @ti.func
@@ -91,18 +86,11 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()
     count = nu - 1 if ti.static(along_u) else nu
     ih = F.lane[b, M.IHU] if ti.static(along_u) else F.lane[b, M.IHV]
     kc = 0.25 * F.lane[b, M.K12] * F.lane[b, M.AREA]
-    i = 0
-    while i < count:
+    for i in indices(count):
         k = (j + 1) * s + i + 1
         e = k + step
-        tx, ty, tz = load(b, t + k)
-        Mk = F.node[b, moment + k]
-        Me = F.node[b, moment + e]
-        ax, ay, az = load(b, F.n + k)
-        bx, by, bz = load(b, F.n + e)
-        yx = Mk * ax - Me * bx
-        yy = Mk * ay - Me * by
-        yz = Mk * az - Me * bz
+        mk, me = thrice(F.node[b, moment + k]), thrice(F.node[b, moment + e])
+        bending = mk * F.node3[b, F.n + k] - me * F.node3[b, F.n + e]
         ahead = F.node[b, other + k] + F.node[b, other + e]  # of the cells on both sides
         behind = F.node[b, other + k - sideways] + F.node[b, other + e - sideways]
         coupled = kc * (ahead + behind)
@@ -112,8 +100,7 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()
             coupled = 0.5 * kc * ((here + after) * ahead + (before + here) * behind)
             coupled = relaxed_more(b, successor + k, coupled)
         T = (F.node[b, tension + k] + coupled) * ih
-        store(b, out + k, T * tx + ih * yx, T * ty + ih * yy, T * tz + ih * yz)
-        i = F.after[i]
+        F.node3[b, out + k] = thrice(T) * F.node3[b, t + k] + thrice(ih) * bending
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         F.node3[b, out + (j + 1) * s + nu] = Wide(0.0)
 
@@ -152,41 +139,29 @@ def cell_row(b, nu, nv, j, stressed: ti.template()):
     ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
     TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
     free_twist = F.lane[b, M.CURVED12] * F.lane[b, M.AREA]
-    i = 0
-    while i < nu - 1:
+    for i in indices(nu - 1):
         k = (j + 1) * s + i + 1
         along_u, along_v, mixed = edge_means(b, F.q + k, s)
-        ax, ay, az = parts(along_u)
-        bx, by, bz = parts(along_v)
-        aa = dot(ax, ay, az, ax, ay, az)
-        bb = dot(bx, by, bz, bx, by, bz)
+        aa = dotted(along_u, along_u)
+        bb = dotted(along_v, along_v)
         ir = 1.0 / ti.sqrt(aa * bb)
         # gamma = a . b / (|a| |b|) and its gradients
-        g = dot(ax, ay, az, bx, by, bz) * ir
-        ga = g * bb * ir * ir
-        gb = g * aa * ir * ir
-        gx, gy, gz = ir * bx - ga * ax, ir * by - ga * ay, ir * bz - ga * az
-        hx, hy, hz = ir * ax - gb * bx, ir * ay - gb * by, ir * az - gb * bz
-        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
-        il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
-        nx, ny, nz = nx * il, ny * il, nz * il
+        g = dotted(along_u, along_v) * ir
+        by_u = thrice(ir) * along_v - thrice(g * bb * ir * ir) * along_u
+        by_v = thrice(ir) * along_u - thrice(g * aa * ir * ir) * along_v
+        normal = crossed(along_v, along_u)
+        il = 1.0 / ti.sqrt(dotted(normal, normal))
+        normal = thrice(il) * normal
         du, dv, _ = edge_means(b, F.v + k, s)
-        wx, wy, wz = parts(du)
-        yx, yy, yz = parts(dv)
-        dx, dy, dz = parts(mixed)
-        nd = dot(nx, ny, nz, dx, dy, dz)
+        nd = dotted(normal, mixed)
         shear, moment = SA * g, TA * (nd - free_twist)
         if ti.static(stressed):
             here = 0.5 * (stiffer(b, k, k + 1) + stiffer(b, k + s, k + s + 1))
             shear = relaxed(b, F.relaxed_shear + k, F.relaxed_shear_next + k, here * shear)
             moment = relaxed(b, F.relaxed_twist + k, F.relaxed_twist_next + k, here * moment)
-        tau = -0.5 * (shear + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz)))
+        tau = thrice(-0.5 * (shear + VA * (dotted(by_u, du) + dotted(by_v, dv))))
         # twist couple on the normal, tangential part
-        mc = 0.5 * moment * il
-        cx, cy, cz = mc * (dx - nd * nx), mc * (dy - nd * ny), mc * (dz - nd * nz)
-        ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
-        store(b, F.ca + k, ex + tau * gx, ey + tau * gy, ez + tau * gz)
-        ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
-        store(b, F.cb + k, ex + tau * hx, ey + tau * hy, ez + tau * hz)
-        store(b, F.cd + k, -moment * nx, -moment * ny, -moment * nz)
-        i = F.after[i]
+        couple = thrice(0.5 * moment * il) * (mixed - thrice(nd) * normal)
+        F.node3[b, F.ca + k] = crossed(along_v, couple) + tau * by_u
+        F.node3[b, F.cb + k] = crossed(couple, along_u) + tau * by_v
+        F.node3[b, F.cd + k] = -thrice(moment) * normal

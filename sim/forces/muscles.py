@@ -5,7 +5,7 @@ Equations 7-10 of docs/model.md.
 
 import taichi as ti
 
-from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
+from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X, indices
 from sim.kernels.vectors import (
     Lanes,
     Wide,
@@ -29,32 +29,21 @@ def sample(b, nu, npt, first, second, planes, dst):
     """Vectors of the plane `first` of F.node3 at the fixed points, with 2 planes also those of `second`: values and
     derivatives along u and v to three planes of F.point3 each, from dst on. Loops for what is written once: a kernel
     loads the faster."""
-    pt = 0
-    while pt < npt:
-        plane = 0
-        while plane < planes:
+    for pt in indices(npt):
+        for plane in indices(planes):
             exchange(b, nu, pt, first + plane * (second - first), False)
-            r = 0
-            while r < F.touched[1]:
-                along_u = 0
-                while along_u < 2:
+            for r in indices(F.touched[1]):
+                for along_u in indices(2):
                     weigh_across(b, X.wu + along_u * (X.du - X.wu) + PATCH * pt, r, along_u * PATCH + r)
-                    along_u = F.after[along_u]
-                r = F.after[r]
-            derivative = 0  # none, along u, along v
-            while derivative < 3:
+            for derivative in indices(3):  # none, along u, along v
                 weights = X.wv + derivative // 2 * (X.dv - X.wv) + PATCH * pt
                 weigh_rows(b, weights, derivative % 2 * PATCH, dst + (3 * plane + derivative) * F.points + pt)
-                derivative = F.after[derivative]
-            plane = F.after[plane]
-        pt = F.after[pt]
 
 
 @ti.func
 def points_pos(b, npt):
     """Positions and normals of the fixed points, from the cloth's below."""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
         cx, cy, cz = cross(bx, by, bz, ax, ay, az)
@@ -63,14 +52,12 @@ def points_pos(b, npt):
         F.point[b, X.inv_area + pt] = il
         F.point3[b, X.normal + pt] = normal
         F.point3[b, X.pos + pt] = F.point3[b, X.pos + pt] + thrice(F.point[b, X.offset + pt]) * normal
-        pt = F.after[pt]
 
 
 @ti.func
 def points_rate(b, npt):
     """Velocities of the fixed points, from the cloth's below."""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
         ex, ey, ez = load_point(b, X.vel_u + pt)
@@ -81,14 +68,12 @@ def points_rate(b, npt):
         normal = F.point3[b, X.normal + pt]
         tangential = plane - thrice(sum3(plane * normal)) * normal
         F.point3[b, X.vel + pt] = F.point3[b, X.vel + pt] + thrice(F.point[b, X.offset + pt]) * tangential
-        pt = F.after[pt]
 
 
 @ti.func
 def spread(b, nu, npt, dst):
     """adds the fixed points' forces to the nodes"""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         force = F.point3[b, X.force + pt]
         normal = F.point3[b, X.normal + pt]
         lever = thrice(F.point[b, X.offset + pt] * F.point[b, X.inv_area + pt])
@@ -100,7 +85,6 @@ def spread(b, nu, npt, dst):
         store_point(b, X.grad_u + pt, cx, cy, cz)
         cx, cy, cz = cross(ax, ay, az, tx, ty, tz)
         store_point(b, X.grad_v + pt, cx, cy, cz)
-        pt = F.after[pt]
     scatter(b, nu, npt, F.point3, X.force, dst)
 
 
@@ -108,33 +92,26 @@ def spread(b, nu, npt, dst):
 def scatter(b, nu, npt, field: ti.template(), plane, dst):
     """Add the fixed points' forces, a plane of the field, and their couples, X.grad_u and X.grad_v, to the nodes' plane
     dst by the weights of their loops."""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         force = field[b, plane + pt]
         along_u = F.point3[b, X.grad_u + pt]
         along_v = F.point3[b, X.grad_v + pt]
-        r = 0
-        while r < F.touched[1]:
+        for r in indices(F.touched[1]):
             value = thrice(F.point[b, X.wv + PATCH * pt + r])
             w0 = value * force + thrice(F.point[b, X.dv + PATCH * pt + r]) * along_v
             w1 = value * along_u
-            m = 0
-            while m < F.touched[0]:
+            for m in indices(F.touched[0]):
                 F.patch3[b, r * PATCH + m] = (
                     thrice(F.point[b, X.wu + PATCH * pt + m]) * w0 + thrice(F.point[b, X.du + PATCH * pt + m]) * w1
                 )
-                m = F.after[m]
-            r = F.after[r]
         exchange(b, nu, pt, dst, True)
-        pt = F.after[pt]
 
 
 @ti.func
 def tension(b, npt, added: ti.template()):
     """Direction, length, contraction, tension and compliance of every interval; X.vel must hold the points' velocity.
     added: forces of effects, by whom the bench law may see less contraction than there is, and by whom more pulls."""
-    k = 0
-    while k < npt - 1:
+    for k in indices(npt - 1):
         along = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
         il = 1.0 / ti.sqrt(sum3(along * along) + 1e-16)
         along = along * thrice(il)
@@ -145,12 +122,11 @@ def tension(b, npt, added: ti.template()):
         seen = F.point[b, X.eps + k]
         seen_share = Lanes(1.0)
         for force in ti.static(added):
-            if ti.static(force.has_lent):
+            if ti.static(callable(force.lent)):
                 lent, share = force.lent(b, k)
                 seen -= lent
                 seen_share -= share
-        lane = 0
-        while lane < LANES:
+        for lane in indices(LANES):
             x = (seen[lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
             i = ti.min(ti.max(int(x), 0), TABLE[1] - 2)
             f = x - i
@@ -166,11 +142,10 @@ def tension(b, npt, added: ti.template()):
             h1 = f1 + F.point[b, X.gain + k][lane] * (e1 - f1)
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
-            lane = F.after[lane]
         for force in ti.static(added):
-            if ti.static(force.has_lent):
+            if ti.static(callable(force.lent)):
                 F.point[b, X.compliance + k] = F.point[b, X.compliance + k] * seen_share
-            if ti.static(force.has_tension):
+            if ti.static(callable(force.tension)):
                 more, stiffness = force.tension(b, k)
                 F.point[b, X.tension + k] = F.point[b, X.tension + k] + more
                 F.point[b, X.compliance + k] = F.point[b, X.compliance + k] + stiffness
@@ -180,16 +155,13 @@ def tension(b, npt, added: ti.template()):
         F.point[b, X.compliance + k] = F.point[b, X.rest + k] / (
             F.point[b, X.compliance + k] + F.point[b, X.viscosity + k] * F.scheme[b, CV]
         )
-        k = F.after[k]
 
 
 @ti.func
 def pull(b, npt, src):
     """Return the forces of tensions on their fixed points."""
     F.point3[b, X.force] = thrice(F.point[b, src]) * F.point3[b, X.dir]
-    k = 1
-    while k < npt:
+    for k in indices(1, npt):
         F.point3[b, X.force + k] = -thrice(F.point[b, src + k - 1]) * F.point3[b, X.dir + k - 1]
         if k < npt - 1:
             F.point3[b, X.force + k] = F.point3[b, X.force + k] + thrice(F.point[b, src + k]) * F.point3[b, X.dir + k]
-        k = F.after[k]

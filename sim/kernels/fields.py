@@ -11,10 +11,11 @@ parts of `F.point` and `F.point3`, entry `X.NAME + index`; an interval of a musc
 point. A declared array is a field of its own, `F.NAME`. Offsets are constants of the compiled kernels; grid size and
 counts are run-time values.
 
-Inner loops are `while` loops that step by `k = F.after[k]`, which is k + 1: where LLVM foresees the next index, it
-spends nine tenths of the compile time on the loop.
+Inner loops are `for k in indices(count)`, made `while` loops that step by `k = F.after[k]`, which is k + 1: where LLVM
+foresees the next index, it spends nine tenths of the compile time on the loop.
 """
 
+import ast
 import contextlib
 import io
 import itertools
@@ -35,6 +36,7 @@ try:
     ensure_cache_folder()  # without one Taichi ends by a segmentation fault
     require_writable("TI_OFFLINE_CACHE_FILE_PATH")
     import taichi as ti
+    from taichi.lang.ast.ast_transformer import ASTTransformer, build_stmt
 except ImportError as error:
     raise InputError(f"cannot load taichi ({error}){why_not_loaded(error)}") from error
 
@@ -136,6 +138,28 @@ class Following:
         return k + 1
 
 
+def indices(*ends: int) -> range:
+    """Return the whole numbers that an inner loop of a kernel goes through, as `range` does."""
+    return range(*ends)
+
+
+def _build_for(context: Any, loop: ast.For, *, of_taichi: Any = ASTTransformer.build_For) -> None:
+    """Make of a loop through `indices` in a kernel the `while` loop; others are left to Taichi."""
+    call, k = loop.iter, loop.target
+    if not isinstance(call, ast.Call) or context.global_vars.get(getattr(call.func, "id", "")) is not indices:
+        of_taichi(context, loop)
+        return
+    first, end = [ast.Constant(0), *call.args][-2:]
+    context.global_vars["F.after"] = F.after
+    following = ast.Subscript(ast.Name("F.after", ast.Load()), k, ast.Load())
+    steps = ast.While(ast.Compare(k, [ast.Lt()], [end]), [*loop.body, ast.Assign([k], following)], [])
+    for statement in (ast.Assign([k], first), steps):
+        build_stmt(context, ast.fix_missing_locations(ast.copy_location(statement, loop)))
+
+
+ASTTransformer.build_For = staticmethod(_build_for)
+
+
 def _make_fields(sizes: state.Sizes, blocks: int) -> None:
     """Make the fields that each lane has of its own."""
 
@@ -217,10 +241,10 @@ class Timed:
     def __init__(self, kernel: Any, costly: str = "") -> None:
         self.kernel, self.costly, self.start = kernel, costly, None
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         if self.start is F.node:
-            return self.kernel(*arguments)
+            return self.kernel(*arguments, **named)
         with first_call(self.costly, (F.nodes, F.points, F.modes, F.blocks, LANES)):
-            result = self.kernel(*arguments)
+            result = self.kernel(*arguments, **named)
         self.start = F.node
         return result

@@ -1,68 +1,41 @@
-"""Transfer from numpy to the fields: load a batch, replace values of it, halt it.
+"""Transfer between numpy and the fields: fill a batch, replace values of it, halt it; its planes, arrays and frames.
 
 A loop that threads share costs 10 ms of every start, so short ones are serial.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from sim import state
-from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X, floats, ints
+from sim.kernels.fields import LANES, OF_NODES, WIDE, C, F, Following, Timed, X, floats, indices, ints
+from sim.kernels.frontend import brief
 from sim.kernels.vectors import Lanes, Wide
-
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
-
-
-@dataclass(frozen=True, eq=False)
-class Shared:
-    """The values that all lanes of a batch have in common."""
-
-    across: int  # nodes that a fixed point may touch
-    down: int
-    odd: int  # of the modes across
-    basis: Floats  # (entries, 8) both bases (sim.solver.modes.by_four)
-    eigen: Floats  # (modes, 3)
-    table: Floats  # (types, pressures, contractions) N
-    coarse: Floats  # (entries,) of C.shared (sim/solver/modes.py)
-    place: Ints  # (entries,) of C.place
-    rows: Ints  # (blocks, points, 2) of F.rows
-
+from sim.time_steps import H
 
 Values = Mapping[str, NDArray]  # by the name of a plane or an array, lane beside lane
 
 
-@dataclass(frozen=True, eq=False)
-class Contents:
-    """The values that a batch puts into the fields.
+def fill(blocks: int, values: Values, **shared: Any) -> None:
+    """Put a batch into the first blocks, and zero there whatever is not put in and may be read before it is written
+    (`life` in sim/state.py).
 
     values: of every plane and array that is declared as loaded, by name, and of "lane", the constants:
-    (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on.
+    (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on. shared: what all lanes
+    have in common, by the names of `_fill_shared`.
     """
-
-    blocks: int
-    points: int  # fixed points, the most of any lane
-    values: Values
-    shared: Shared
-
-
-def load(contents: Contents) -> None:
-    """Put a batch into the first blocks, and zero there whatever is not put in and may be read before it is written
-    (`life` in sim/state.py)."""
-    blocks, values = contents.blocks, contents.values
     if values.keys() != state.loaded() | {"lane"}:
         raise ValueError(f"a batch must load {sorted(state.loaded())} and lane; got {sorted(values)}")
-    _load_shared(blocks, *astuple(contents.shared))
+    _fill_shared(blocks, **shared)
     _put(blocks, 1, *_arguments(blocks, values))
 
 
 def put(blocks: int, values: Values) -> None:
-    """Replace some values of the batch that lies in the fields, named and shaped as in `Contents`."""
+    """Replace some values of the batch that lies in the fields, named and shaped as by `fill`."""
     _put(blocks, 0, *_arguments(blocks, values))
 
 
@@ -84,7 +57,7 @@ def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
 def place_of(name: str) -> tuple[str, int]:
     """Return the field that holds a plane or an array, and its first entry there."""
     for plane in state.PLANES:
-        if plane.name == name and plane.life in (state.LOADED, state.CARRIED, state.REMEMBERED):
+        if plane.name == name:
             return plane.field, getattr(F if plane.on in state.BY_NODE else X, name)
     return name, 0
 
@@ -128,10 +101,8 @@ def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: 
 
 @ti.func
 def zero(b, field: ti.template(), nothing):
-    k = 0
-    while k < field.shape[1]:
+    for k in indices(field.shape[1]):
         field[b, k] = nothing
-        k = F.after[k]
 
 
 @ti.func
@@ -139,59 +110,46 @@ def copy(b, index: ti.template(), field: ti.template(), s, spans: ti.template(),
     if spans[s, 0] == index:
         first = spans[s, 1]
         source = spans[s, 2]
-        lane = 0
-        while lane < width:
-            k = 0
-            while k < spans[s, 3]:
+        for lane in indices(width):
+            for k in indices(spans[s, 3]):
                 field[b, first + k][lane] = values[b, source + k, lane]
-                k = F.after[k]
-            lane = F.after[lane]
 
 
 @Timed
 @ti.kernel
-def _load_shared(
+def _fill_shared(
     nb: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32, basis: floats(2), eigen: floats(2), table: floats(3),
-    shared: floats(1), place: ints(1), rows: ints(3),
+    coarse: floats(1), place: ints(1), rows: ints(3),
 ):  # fmt: skip
+    """across, down: nodes that a fixed point may touch. odd: of the modes across. basis (entries, 8): both bases
+    (sim.solver.modes.by_four). eigen (modes, 3). table (types, pressures, contractions) N. coarse (entries,) of
+    C.shared, place (entries,) of C.place (sim/solver/modes.py). rows (blocks, points, 2) of F.rows."""
     F.touched[0], F.touched[1], F.odd[None] = across, down, odd
     if ti.static(not isinstance(F.after, Following)):
         k = 0
         while k < F.after.shape[0]:
             F.after[k] = k + 1
             k += 1
-    k = 0
-    while k < basis.shape[0]:
+    for k in indices(basis.shape[0]):
         for r in ti.static(range(8)):
             F.basis[k][r] = basis[k, r]
-        k = F.after[k]
-    k = 0
-    while k < eigen.shape[0]:
+    for k in indices(eigen.shape[0]):
         for r in ti.static(range(3)):
             F.eigen[k][r] = eigen[k, r]
-        k = F.after[k]
-    k = 0
-    while k < shared.shape[0]:
-        C.shared[k] = shared[k]
-        k = F.after[k]
-    k = 0
-    while k < place.shape[0]:
+    for k in indices(coarse.shape[0]):
+        C.shared[k] = coarse[k]
+    for k in indices(place.shape[0]):
         C.place[k] = place[k]
-        k = F.after[k]
     ti.loop_config(serialize=True)
     for t in range(table.shape[0]):
         for p in range(table.shape[1]):
-            k = 0
-            while k < table.shape[2]:
+            for k in indices(table.shape[2]):
                 F.table[t, p, k] = table[t, p, k]
-                k = F.after[k]
     ti.loop_config(serialize=True)
     for b in range(nb):
-        k = 0
-        while k < rows.shape[1]:
+        for k in indices(rows.shape[1]):
             F.rows[b, k][0] = rows[b, k, 0]
             F.rows[b, k][1] = rows[b, k, 1]
-            k = F.after[k]
 
 
 @Timed
@@ -200,8 +158,64 @@ def halt(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """Zero velocity and acceleration."""
     ti.loop_config(serialize=True)
     for b in range(nb):
-        k = 0
-        while k < (nu + 2) * (nv + 2):
+        for k in indices((nu + 2) * (nv + 2)):
             F.node3[b, F.v0 + k] = Wide(0.0)
             F.node3[b, F.a0 + k] = Wide(0.0)
-            k = F.after[k]
+
+
+def take(blocks: int, names: Sequence[str]) -> Values:
+    """Return planes and arrays of the batch that lies in the fields, named and shaped as by `fill`."""
+    values: dict[str, NDArray] = {}
+    for name in names:
+        field, first = place_of(name)
+        count = getattr(F, field).shape[1] if field == name else F.nodes if field in OF_NODES else F.points
+        values[name] = copied(getattr(F, field), blocks, first, count)
+    return values
+
+
+def on_grid(field: Any, grid: tuple[int, int, int], first: int) -> NDArray[np.float32]:
+    """Return (lanes, nv, nu, 3) vectors at the nodes of blocks, nu, nv, from the entry `first` of a field on."""
+    blocks, nu, nv = grid
+    padded = copied(field, blocks, first, (nu + 2) * (nv + 2)).reshape(blocks, nv + 2, nu + 2, 3, LANES)
+    return np.moveaxis(padded[:, 1:-1, 1:-1], -1, 1).reshape(-1, nv, nu, 3)
+
+
+@brief()  # the kernel is compiled for each field
+def copied(field: Any, blocks: int, first: int, count: int) -> NDArray[np.float32]:
+    """Return `count` entries of a field's blocks, from `first` on: (blocks, count, LANES), of vectors (blocks, count,
+    3, LANES)."""
+    out = np.empty((blocks, count, field.n), np.float32)
+    _copy(field, first, out)
+    return out.reshape(blocks, count, 3, LANES) if field.n == WIDE else out
+
+
+@ti.kernel
+def _copy(field: ti.template(), first: ti.i32, out: floats(3)):
+    ti.loop_config(serialize=True)
+    for b in range(out.shape[0]):
+        for k in indices(out.shape[1]):
+            for lane in indices(out.shape[2]):
+                out[b, k, lane] = field[b, first + k][lane]
+
+
+@ti.func
+def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti.template()):
+    """shapes (frames, nu nv, 3): positions at the fraction theta of the last step, cubic Hermite; states (frames,
+    npt, 2): contraction and tension [N] of every interval at its evaluation point."""
+    h = F.scheme[b, H][lane]
+    b1 = (1 - theta) * (1 - theta) * theta * h
+    b2 = theta * theta * (3 - 2 * theta)
+    b3 = theta * theta * (theta - 1) * h
+    for j in range(nv):
+        for i in indices(nu):
+            k = (j + 1) * (nu + 2) + i + 1
+            for c in range(3):
+                e = c * LANES + lane
+                old = F.node3[b, F.xp + k][e]
+                new = F.node3[b, F.x0 + k][e]
+                shapes[frame, j * nu + i, c] = (
+                    old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
+                )
+    for k in indices(npt):
+        states[frame, k, 0] = F.point[b, X.eps + k][lane]
+        states[frame, k, 1] = F.point[b, X.tension + k][lane]

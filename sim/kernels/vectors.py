@@ -5,7 +5,7 @@ The nodes around a fixed point are F.touched across and down: from the grid to F
 
 import taichi as ti
 
-from sim.kernels.fields import LANES, WIDE, F
+from sim.kernels.fields import LANES, WIDE, F, indices
 from sim.state import PATCH
 
 Lanes = ti.types.vector(LANES, ti.f32)
@@ -71,12 +71,25 @@ def dot(ax, ay, az, bx, by, bz):
 
 
 @ti.func
+def crossed(e, g):
+    """e x g of vectors in one element each."""
+    ax, ay, az = parts(e)
+    bx, by, bz = parts(g)
+    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
+    return Wide(cx, cy, cz)
+
+
+@ti.func
+def dotted(e, g):
+    """e . g of these."""
+    return sum3(e * g)
+
+
+@ti.func
 def exchange(b, nu, pt, plane, adds: ti.template()):
     """F.patch3 = vectors of the plane of F.node3 that begins at `plane`; if adds, F.patch3 is added to these."""
-    r = 0
-    while r < F.touched[1]:
-        m = 0
-        while m < F.touched[0]:
+    for r in indices(F.touched[1]):
+        for m in indices(F.touched[0]):
             for lane in range(LANES):
                 k = plane + F.base[b, pt][lane] + r * (nu + 2) + m
                 for c in ti.static(range(3)):
@@ -85,25 +98,19 @@ def exchange(b, nu, pt, plane, adds: ti.template()):
                         F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * PATCH + m][e]
                     else:
                         F.patch3[b, r * PATCH + m][e] = F.node3[b, k][e]
-            m = F.after[m]
-        r = F.after[r]
 
 
 @ti.func
 def weigh_across(b, o, r, dst):
     """F.row3 at dst = sum of row r of the patch by the weights that lie at o of F.point."""
     F.row3[b, dst] = thrice(F.point[b, o]) * F.patch3[b, r * PATCH]
-    m = 1
-    while m < F.touched[0]:
+    for m in indices(1, F.touched[0]):
         F.row3[b, dst] = F.row3[b, dst] + thrice(F.point[b, o + m]) * F.patch3[b, r * PATCH + m]
-        m = F.after[m]
 
 
 @ti.func
 def weigh_rows(b, o, first, dst):
     """F.point3 at dst = sum of what lies at `first` of F.row3, a row each, by the weights that lie at o of F.point."""
     F.point3[b, dst] = thrice(F.point[b, o]) * F.row3[b, first]
-    r = 1
-    while r < F.touched[1]:
+    for r in indices(1, F.touched[1]):
         F.point3[b, dst] = F.point3[b, dst] + thrice(F.point[b, o + r]) * F.row3[b, first + r]
-        r = F.after[r]

@@ -14,7 +14,7 @@ import taichi as ti
 from sim.forces.bending import bending_down
 from sim.forces.cloth import inertia
 from sim.forces.membrane import membrane, normal_stiffness
-from sim.kernels.fields import C, F, X
+from sim.kernels.fields import C, F, X, indices
 from sim.kernels.vectors import Lanes, difference, dot
 from sim.materials import M
 from sim.solver.coarse_solve import add_rows, factorise
@@ -27,34 +27,24 @@ from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
 def bent(b, nu, nv):
     """E += what strains u' + kappa w, and shear, have beyond those of the flat cloth's components apart."""
     sample(b, nu, nv)
-    q = 0
-    while q < 8:
+    for q in indices(8):
         src = C.sample + q * COARSE_SAMPLES * COARSE_SAMPLES
         code = COARSE_ACROSS + COARSE_SAMPLES + 4 * q
-        k = 0
-        while k < COARSE_ACROSS * COARSE_ACROSS:
+        for k in indices(COARSE_ACROSS * COARSE_ACROSS):
             a = C.across + (C.place[code + 2] * COARSE_ACROSS * COARSE_ACROSS + k) * COARSE_SAMPLES
-            t = 0
-            while t < COARSE_SAMPLES:
+            for t in indices(COARSE_SAMPLES):
                 F.coarse[b, C.line + k * COARSE_SAMPLES + t] = weighed(b, a, src + t * COARSE_SAMPLES)
-                t = F.after[t]
-            k = F.after[k]
-        k = 0
-        while k < COARSE_ACROSS * COARSE_ACROSS:
+        for k in indices(COARSE_ACROSS * COARSE_ACROSS):
             line = C.line + k * COARSE_SAMPLES
             i0 = (C.place[code] * COARSE_ACROSS + k // COARSE_ACROSS) * COARSE_DOWN
             j0 = (C.place[code + 1] * COARSE_ACROSS + k % COARSE_ACROSS) * COARSE_DOWN
-            m = 0
-            while m < COARSE_DOWN * COARSE_DOWN:
+            for m in indices(COARSE_DOWN * COARSE_DOWN):
                 i = i0 + m // COARSE_DOWN
                 j = j0 + m % COARSE_DOWN
                 if i <= j:
                     a = C.down + (C.place[code + 3] * COARSE_DOWN * COARSE_DOWN + m) * COARSE_SAMPLES
                     o = C.coupled + i * COARSE + j
                     F.coarse[b, o] = F.coarse[b, o] + weighed(b, a, line)
-                m = F.after[m]
-            k = F.after[k]
-        q = F.after[q]
 
 
 @ti.func
@@ -77,11 +67,9 @@ def sample(b, nu, nv):
     k1, k2, sh = membrane(b)
     k1, k2, sh = area * k1, area * k2, area * sh
     half_width = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))
-    t = 0
-    while t < COARSE_SAMPLES:
+    for t in indices(COARSE_SAMPLES):
         j = C.place[COARSE_ACROSS + t]
-        s = 0
-        while s < COARSE_SAMPLES:
+        for s in indices(COARSE_SAMPLES):
             i = C.place[COARSE_ACROSS + s]
             k = (j + 1) * (nu + 2) + i + 1
             west = ti.min(half_width, i)
@@ -105,33 +93,27 @@ def sample(b, nu, nv):
             F.coarse[b, o + 5 * size] = k2 * two * two
             F.coarse[b, o + 6 * size] = sh * both * both
             F.coarse[b, o + 7 * size] = sh * ihu * ihv
-            s = F.after[s]
-        t = F.after[t]
 
 
 @ti.func
 def flat(b):
     """E_P <- W^T K0 W without its normal stiffness of a bent cloth."""
-    i = 0
-    while i < COARSE:
-        k = i - i % 4  # rows go four at a time: what lies left of their blocks on the diagonal is never read
-        while k < COARSE:
+    for i in indices(COARSE):
+        for k in indices(
+            i - i % 4, COARSE
+        ):  # rows go four at a time: what lies left of their blocks on the diagonal is never read
             F.coarse[b, C.alone + i * COARSE + k] = Lanes(0.0)
-            k = F.after[k]
-        i = F.after[i]
     hu = F.lane[b, M.HU]
     hv = F.lane[b, M.HV]
     ihv = F.lane[b, M.IHV]
     mass = inertia(b)
     k1, k2, sh = membrane(b)
     bend, clamp = bending_down(b)
-    k = 0
-    while k < COARSE_ACROSS:
+    for k in indices(COARSE_ACROSS):
         eigen = F.eigen[C.place[k]]
         ihu = F.lane[b, M.IHU]
         lam = eigen[0] * ihu
-        m = 0
-        while m < COARSE_DOWN:
+        for m in indices(COARSE_DOWN):
             mu = C.shared[C.stiffness + m]
             i = k * COARSE_DOWN + m
             u = C.alone + i * (COARSE + 1)
@@ -146,15 +128,11 @@ def flat(b):
                 * ihv
                 * mu
             )
-            o = m
-            while o < COARSE_DOWN:
+            for o in indices(m, COARSE_DOWN):
                 pair = m * COARSE_DOWN + o
                 F.coarse[b, w + o] = (
                     F.coarse[b, w + o] + bend * C.shared[C.bending + pair] + clamp * C.shared[C.clamp + pair]
                 )
-                o = F.after[o]
-            m = F.after[m]
-        k = F.after[k]
 
 
 @ti.func
@@ -166,10 +144,8 @@ def pull(b, npt):
             stretch(b, npt, s + r, C.pull + r * COARSE)
         i = 0
         while i < COARSE:
-            k = 0
-            while k < 16:
+            for k in indices(16):
                 F.coarse[b, C.ratio + k] = F.coarse[b, C.pull + k % 4 * COARSE + i + k // 4]
-                k = F.after[k]
             add_rows(b, C.alone, C.pull, i)
             i += 4
         s += 4
@@ -178,17 +154,14 @@ def pull(b, npt):
 @ti.func
 def stretch(b, npt, s, dst):
     """Return how the modes stretch an interval, times the root of its stiffness; nothing behind the last one."""
-    k = 0
-    while k < COARSE:
+    for k in indices(COARSE):
         F.coarse[b, dst + k] = Lanes(0.0)
-        k = F.after[k]
     if s < npt - 1:
         n = COARSE_ACROSS * COARSE_DOWN
         stiff = ti.sqrt(ti.max(0.0, 1.0 / F.point[b, X.compliance + s]))
         for e in range(2):
             q = X.coef + e * 7 * F.points + s
-            k = 0
-            while k < COARSE_ACROSS:
+            for k in indices(COARSE_ACROSS):
                 mean = stiff * F.across[b, at(s + e, MEAN) + C.place[k]]
                 tangential = stiff * F.across[b, at(s + e, TANGENTIAL) + C.place[k]]
                 normal = F.point[b, q + 2 * F.points] * mean + stiff * (
@@ -199,8 +172,7 @@ def stretch(b, npt, s, dst):
                 v = F.point[b, q + F.points] * tangential
                 w_moment = F.point[b, q + 4 * F.points] * mean
                 w_slope = F.point[b, q + 6 * F.points] * mean
-                m = 0
-                while m < COARSE_DOWN:
+                for m in indices(COARSE_DOWN):
                     o = dst + k * COARSE_DOWN + m
                     d = (s + e) * 3 * COARSE_DOWN + m
                     along = F.coarse_down[b, d + MEAN * COARSE_DOWN]
@@ -211,8 +183,6 @@ def stretch(b, npt, s, dst):
                         + w_moment * F.coarse_down[b, d + MOMENT * COARSE_DOWN]
                         + w_slope * F.coarse_down[b, d + SLOPE * COARSE_DOWN]
                     )
-                    m = F.after[m]
-                k = F.after[k]
 
 
 # of the flat cloth's normal stiffness (CURVATURE) in E: with none, more cloths that snap run away; with much, a flat
@@ -235,17 +205,11 @@ def assemble(b, nu, nv, npt):
 @ti.func
 def copy(b):
     """E <- E_P, and E_P gets its normal stiffness."""
-    i = 0
-    while i < COARSE:
-        k = i * COARSE + i - i % 4
-        while k < (i + 1) * COARSE:
+    for i in indices(COARSE):
+        for k in indices(i * COARSE + i - i % 4, (i + 1) * COARSE):
             F.coarse[b, C.coupled + k] = F.coarse[b, C.alone + k]
-            k = F.after[k]
-        i = F.after[i]
     hoop = normal_stiffness(b)
-    k = 2 * COARSE_ACROSS * COARSE_DOWN
-    while k < COARSE:
+    for k in indices(2 * COARSE_ACROSS * COARSE_DOWN, COARSE):
         o = C.alone + k * (COARSE + 1)
         F.coarse[b, o] = F.coarse[b, o] + hoop
         F.coarse[b, o - C.alone + C.coupled] = F.coarse[b, o - C.alone + C.coupled] + KEPT * hoop
-        k = F.after[k]

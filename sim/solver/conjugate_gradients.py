@@ -6,7 +6,7 @@ residual between both ends is like neither: such a lane looks again before it go
 
 import taichi as ti
 
-from sim.kernels.fields import LANES, F
+from sim.kernels.fields import LANES, F, indices
 from sim.kernels.vectors import Lanes, Wide, sum3, thrice
 from sim.solver.frames import rotate
 from sim.solver.muscles import solve
@@ -21,11 +21,9 @@ DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do 
 @ti.func
 def first_residual(b, nu, nv):
     """r = f where nodes are free; p = 0."""
-    k = 0
-    while k < (nu + 2) * (nv + 2):
+    for k in indices((nu + 2) * (nv + 2)):
         F.node3[b, F.r + k] = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
         F.node3[b, F.p + k] = Wide(0.0)
-        k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
     F.reduce[b, UNCONVERGED] = Lanes(1.0)
     F.reduce[b, REEVALUATES] = Lanes(0.0)
@@ -38,17 +36,14 @@ def step_length(b, nu, nv, edge):
     P = (nu + 2) * (nv + 2)
     F.reduce[b, 1] = Lanes(0.0)
     F.reduce[b, 2] = Lanes(0.0)
-    k = 0
-    while k < P:
+    for k in indices(P):
         r = F.node3[b, F.r + k]
         p = F.node3[b, F.p + k]
         change = r - F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
         F.node3[b, F.f + k] = change
         F.reduce[b, 1] = F.reduce[b, 1] + sum3(p * r)
         F.reduce[b, 2] = F.reduce[b, 2] + sum3(p * change)
-        k = F.after[k]
-    lane = 0
-    while lane < LANES:
+    for lane in indices(LANES):
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
             alpha = ti.min(2.0, ti.max(SHORTEST_STEP, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
@@ -58,14 +53,11 @@ def step_length(b, nu, nv, edge):
             short = False
         F.reduce[b, REEVALUATES][lane] = ti.select(short, 1.0, 0.0)
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
-        lane = F.after[lane]
     alpha = thrice(F.reduce[b, ALPHA])
     more = thrice(F.reduce[b, ALPHA] - F.reduce[b, ACTIVE])
-    k = 0
-    while k < P:
+    for k in indices(P):
         F.node3[b, F.q + k] = F.node3[b, F.q + k] + more * F.node3[b, F.p + k]
         F.node3[b, F.r + k] = F.node3[b, F.r + k] - alpha * F.node3[b, F.f + k]
-        k = F.after[k]
 
 
 @ti.func
@@ -78,18 +70,15 @@ def direction(b, nu, nv, npt, edge, same, tolerance):
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
         F.reduce[b, slot] = Lanes(0.0)
-    k = 0
-    while k < P:
+    for k in indices(P):
         y = F.node3[b, F.y + k]
         F.reduce[b, 0] = F.reduce[b, 0] + sum3(y * y)
         F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * F.node3[b, F.r + k])
         F.reduce[b, 2] = F.reduce[b, 2] - sum3(y * F.node3[b, F.f + k])
-        k = F.after[k]
     F.reduce[b, 2] = F.reduce[b, ALPHA] * F.reduce[b, 2]  # y . (r - r before)
     unconverged = 0
     F.reduce[b, ACTIVE] = F.reduce[b, UNCONVERGED]
-    lane = 0
-    while lane < LANES:
+    for lane in indices(LANES):
         beta = ti.f32(0.0)
         if same and F.reduce[b, RZ][lane] > 0:
             beta = ti.max(0.0, F.reduce[b, 2][lane] / F.reduce[b, RZ][lane])
@@ -99,13 +88,10 @@ def direction(b, nu, nv, npt, edge, same, tolerance):
             F.reduce[b, UNCONVERGED][lane] = 0.0
         if F.reduce[b, UNCONVERGED][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
             unconverged += 1
-        lane = F.after[lane]
     beta = thrice(F.reduce[b, BETA])
     moving = thrice(F.reduce[b, ACTIVE] * (1.0 - F.reduce[b, REEVALUATES]))
-    k = 0
-    while k < P:
+    for k in indices(P):
         d = (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k]) * moving
         F.node3[b, F.p + k] = d
         F.node3[b, F.q + k] = F.node3[b, F.q + k] + d
-        k = F.after[k]
     return unconverged

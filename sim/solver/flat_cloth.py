@@ -5,7 +5,7 @@ import taichi as ti
 from sim.forces.bending import bending_down
 from sim.forces.cloth import inertia
 from sim.forces.membrane import membrane, normal_stiffness
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import Lanes, Wide, thrice
 from sim.materials import M
 
@@ -51,8 +51,7 @@ def factorise(b, nu, nv):
             extra = clamp
         if j == 2:
             fm2 = free_top
-        k = 0
-        while k < nu:
+        for k in indices(nu):
             lam = F.eigen[k][0] * ihu
             o = j * nu + k
             twist = hu * F.lane[b, M.WEIGHT_TENSION] + 2.0 * (F.lane[b, M.D12] + F.lane[b, M.T]) * F.eigen[k][2] * ihu
@@ -80,19 +79,16 @@ def factorise(b, nu, nv):
             F.bands3[b, o] = l1
             F.bands3[b, N + o] = l2
             F.bands3[b, 2 * N + o] = 1.0 / d
-            k = F.after[k]
 
 
 @ti.func
 def butterfly(b, nu, row):
     """Entries i and nu - 1 - i of a row of F.modal3 become their sum and difference if the basis has odd vectors."""
-    w = 0
-    while w < F.odd[None]:
+    for w in indices(F.odd[None]):
         x = F.modal3[b, row + w]
         y = F.modal3[b, row + nu - 1 - w]
         F.modal3[b, row + w] = x + y
         F.modal3[b, row + nu - 1 - w] = x - y
-        w = F.after[w]
 
 
 @ti.func
@@ -130,22 +126,18 @@ def entry(tangential, normal):
 def multiply_row(b, x, y, C, count):
     """`count` entries of F.modal3 at y = those at x times a count x count matrix, whose rows lie in F.basis at C by
     four for both bases, zeros below; up to three entries behind x are read for them."""
-    k = 0
-    while k < count:
+    for k in indices(count):
         F.modal3[b, y + k] = Wide(0.0)
-        k = F.after[k]
     for quad in range(quads(count)):
         a0 = F.modal3[b, x + 4 * quad]
         a1 = F.modal3[b, x + 4 * quad + 1]
         a2 = F.modal3[b, x + 4 * quad + 2]
         a3 = F.modal3[b, x + 4 * quad + 3]
-        k = 0
-        while k < count:
+        for k in indices(count):
             m = F.basis[C + quad * count + k]
             F.modal3[b, y + k] = F.modal3[b, y + k] + (
                 (entry(m[0], m[4]) * a0 + entry(m[1], m[5]) * a1) + (entry(m[2], m[6]) * a2 + entry(m[3], m[7]) * a3)
             )
-            k = F.after[k]
 
 
 @ti.func
@@ -153,29 +145,23 @@ def solve_modes(b, nu, nv):
     """The banded systems along v of all modes across, whose right sides lie in the second plane of F.modal3; nothing
     acts on a held edge."""
     N = nu * nv
-    k = 0
-    while k < nu:
+    for k in indices(nu):
         F.modal3[b, N + k] = F.modal3[b, N + k] * thrice(1.0 - F.lane[b, M.TOP_HELD])
         F.modal3[b, 2 * N - nu + k] = F.modal3[b, 2 * N - nu + k] * thrice(1.0 - F.lane[b, M.BOTTOM_HELD])
-        k = F.after[k]
     for j in range(1, nv):
         two = nu if j > 1 else 0  # in the second row the factor of the row before the last is zero
-        o = j * nu
-        while o < (j + 1) * nu:
+        for o in indices(j * nu, (j + 1) * nu):
             F.modal3[b, N + o] = F.modal3[b, N + o] - (
                 F.bands3[b, o] * F.modal3[b, N + o - nu] + F.bands3[b, N + o] * F.modal3[b, N + o - nu - two]
             )
-            o = F.after[o]
     for back in range(nv):
         j = nv - 1 - back
         one = nu if back > 0 else 0
         two = nu if back > 1 else 0
-        o = j * nu
-        while o < (j + 1) * nu:
+        for o in indices(j * nu, (j + 1) * nu):
             z = F.modal3[b, N + o] * F.bands3[b, 2 * N + o]
             if back > 0:
                 z -= F.bands3[b, o + nu] * F.modal3[b, N + o + one]
             if back > 1:
                 z -= F.bands3[b, N + o + 2 * nu] * F.modal3[b, N + o + one + two]
             F.modal3[b, N + o] = z
-            o = F.after[o]

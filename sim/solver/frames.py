@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
 
 
@@ -11,8 +11,7 @@ def frames(b, nu, nv, half_width):
     """Put the frame at every node, from the nodes `half_width` away, or at the border, in four directions."""
     s = nu + 2
     for j in range(nv):
-        i = 0
-        while i < nu:
+        for i in indices(nu):
             k = (j + 1) * s + i + 1
             w = k - ti.min(half_width, i)
             e = k + ti.min(half_width, nu - 1 - i)
@@ -25,7 +24,6 @@ def frames(b, nu, nv, half_width):
             store(b, F.fn + k, cx * il, cy * il, cz * il)
             ia = 1.0 / ti.sqrt(ax * ax + ay * ay + az * az)
             store(b, F.fu + k, ax * ia, ay * ia, az * ia)
-            i = F.after[i]
 
 
 @ti.func
@@ -42,8 +40,7 @@ def rotate(b, nu, nv, plane, into: ti.template()):
     """into: F.modal3 = components of a plane of F.node3 in the frames; else the plane = world components of F.modal3.
     Zero where nodes are held."""
     for j in range(nv):
-        i = 0
-        while i < nu:
+        for i in indices(nu):
             k = (j + 1) * (nu + 2) + i + 1
             o = j * nu + i
             if ti.static(into):
@@ -57,4 +54,3 @@ def rotate(b, nu, nv, plane, into: ti.template()):
                 u, v, w = parts(local)
                 ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
                 store(b, plane + k, u * ux + v * vx + w * nx, u * uy + v * vy + w * ny, u * uz + v * vz + w * nz)
-            i = F.after[i]

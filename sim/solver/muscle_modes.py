@@ -7,7 +7,7 @@ others than the normal component's. F.rows holds its first row and how many time
 
 import taichi as ti
 
-from sim.kernels.fields import F
+from sim.kernels.fields import F, indices
 from sim.kernels.vectors import Lanes, Wide, parts, thrice
 from sim.solver.flat_cloth import solve_modes
 from sim.state import GREEN
@@ -26,19 +26,16 @@ def contract_rows(b, nu, nv, pt):
     """Sums over rows, mode by mode: means to F.line3; slopes and moments of the normal component to F.line."""
     slope = SLOPE * F.modes
     moment = MOMENT * F.modes
-    k = 0
-    while k < nu:
+    for k in indices(nu):
         F.line3[b, k] = Wide(0.0)
         F.line[b, slope + k] = Lanes(0.0)
         F.line[b, moment + k] = Lanes(0.0)
-        k = F.after[k]
     for quad in range(F.rows[b, pt][1]):
         row = F.rows[b, pt][0] + 4 * quad
         w = at(pt, MEAN) + row
         s = at(pt, SLOPE) + row
         m = at(pt, MOMENT) + row
-        k = 0
-        while k < nu:
+        for k in indices(nu):
             o = nu * nv + row * nu + k
             e0 = F.modal3[b, o]
             e1 = F.modal3[b, o + nu]
@@ -58,19 +55,15 @@ def contract_rows(b, nu, nv, pt):
             F.line[b, moment + k] = F.line[b, moment + k] + (
                 (F.down[b, m] * n0 + F.down[b, m + 1] * n1) + (F.down[b, m + 2] * n2 + F.down[b, m + 3] * n3)
             )
-            k = F.after[k]
 
 
 @ti.func
 def functionals(b, nu, pt, scaled: ti.template(), other, functional):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field whose sums over rows
     `contract_rows` left; if scaled, of the field with its modes multiplied by the weights of the point `other`."""
-    i = 0
-    while i < 7:
+    for i in indices(7):
         F.row[b, i] = Lanes(0.0)
-        i = F.after[i]
-    k = 0
-    while k < nu:
+    for k in indices(nu):
         mean = F.across[b, at(pt, MEAN) + k]
         slope = F.across[b, at(pt, SLOPE) + k]
         moment = F.across[b, at(pt, MOMENT) + k]
@@ -90,14 +83,12 @@ def functionals(b, nu, pt, scaled: ti.template(), other, functional):
         F.row[b, 4] = F.row[b, 4] + mean * F.line[b, MOMENT * F.modes + k]
         F.row[b, 5] = F.row[b, 5] + slope * w
         F.row[b, 6] = F.row[b, 6] + mean * F.line[b, SLOPE * F.modes + k]
-        k = F.after[k]
 
 
 @ti.func
 def add_sources(b, nu, nv, pt):
     """The transpose: what F.row[0..6] at the fixed point adds to the field."""
-    k = 0
-    while k < nu:
+    for k in indices(nu):
         mean = F.across[b, at(pt, MEAN) + k]
         w = (
             F.row[b, 2] * mean
@@ -106,37 +97,28 @@ def add_sources(b, nu, nv, pt):
         )
         tangential = F.across[b, at(pt, TANGENTIAL) + k]
         F.line3[b, k] = Wide(F.row[b, 0] * tangential, F.row[b, 1] * tangential, w)
-        k = F.after[k]
     first = F.rows[b, pt][0]
     for row in range(first, ti.min(first + 4 * F.rows[b, pt][1], nv)):
         share = F.down[b, at(pt, MEAN) + row]
         F.row[b, 7] = F.row[b, 4] * F.down[b, at(pt, MOMENT) + row] + F.row[b, 6] * F.down[b, at(pt, SLOPE) + row]
-        k = 0
-        while k < nu:
+        for k in indices(nu):
             o = nu * nv + row * nu + k
             normal = Wide(Lanes(0.0), Lanes(0.0), F.row[b, 7] * F.across[b, at(pt, MEAN) + k])
             F.modal3[b, o] = F.modal3[b, o] + (thrice(share) * F.line3[b, k] + normal)
-            k = F.after[k]
 
 
 @ti.func
 def green(b, nu, nv, npt):
     """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal; symmetric."""
-    pb = 0
-    while pb < npt:
-        down = 0
-        while down < 3:
+    for pb in indices(npt):
+        for down in indices(3):
             for row in range(nv):
-                k = 0
-                while k < nu:
+                for k in indices(nu):
                     F.modal3[b, nu * nv + row * nu + k] = thrice(F.down[b, at(pb, down) + row])
-                    k = F.after[k]
             solve_modes(b, nu, nv)
-            pa = pb
-            while pa < npt:
+            for pa in indices(pb, npt):
                 contract_rows(b, nu, nv, pa)
-                across = 0
-                while across < 3:
+                for across in indices(3):
                     if across == MEAN or down == MEAN:
                         functionals(b, nu, pa, True, pb, across)
                         f = 0  # as in F.row, of the normal component
@@ -150,12 +132,6 @@ def green(b, nu, nv, npt):
                             for i in range(2):
                                 F.green[b, ab + i] = F.row[b, i]
                                 F.green[b, ba + i] = F.row[b, i]
-                        g = 0
-                        while g < 5:
+                        for g in indices(5):
                             F.green[b, ab + 2 + g * 5 + f] = F.row[b, 2 + g]
                             F.green[b, ba + 2 + f * 5 + g] = F.row[b, 2 + g]
-                            g = F.after[g]
-                    across = F.after[across]
-                pa = F.after[pa]
-            down = F.after[down]
-        pb = F.after[pb]

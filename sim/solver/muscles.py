@@ -3,8 +3,8 @@
 import taichi as ti
 
 from sim.forces.muscles import sample
-from sim.kernels.fields import F, X
-from sim.kernels.vectors import Lanes, cross, dot, load_point
+from sim.kernels.fields import F, X, indices
+from sim.kernels.vectors import Lanes, crossed, dotted
 from sim.solver.coarse_solve import prolong, restrict
 from sim.solver.flat_cloth import solve_modes, transform
 from sim.solver.muscle_modes import add_sources, contract_rows, functionals
@@ -16,37 +16,25 @@ def woodbury(b, nu, npt):
     """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
     ns = npt - 1
     sample(b, nu, npt, F.fu, F.fn, 2, X.fu)
-    k = 0
-    while k < ns:
-        dx, dy, dz = load_point(b, X.dir + k)
-        e = 0
-        while e < 2:
+    for k in indices(ns):
+        along = F.point3[b, X.dir + k]
+        for e in indices(2):
             p = k + e
             sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
-            ax, ay, az = load_point(b, X.fu + p)
-            nx, ny, nz = load_point(b, X.fn + p)
-            vx, vy, vz = cross(ax, ay, az, nx, ny, nz)
-            gx, gy, gz = load_point(b, X.fn_u + p)
-            hx, hy, hz = load_point(b, X.fn_v + p)
-            du = dot(dx, dy, dz, ax, ay, az) * sg
-            dv = dot(vx, vy, vz, dx, dy, dz) * sg
+            du = dotted(along, F.point3[b, X.fu + p]) * sg
+            dv = dotted(crossed(F.point3[b, X.fu + p], F.point3[b, X.fn + p]), along) * sg
             o = X.coef + e * 7 * F.points + k
             F.point[b, o] = du
             F.point[b, o + F.points] = dv
-            F.point[b, o + 2 * F.points] = dot(dx, dy, dz, nx, ny, nz) * sg
-            F.point[b, o + 3 * F.points] = dot(dx, dy, dz, gx, gy, gz) * sg
-            F.point[b, o + 4 * F.points] = dot(dx, dy, dz, hx, hy, hz) * sg
+            F.point[b, o + 2 * F.points] = dotted(along, F.point3[b, X.fn + p]) * sg
+            F.point[b, o + 3 * F.points] = dotted(along, F.point3[b, X.fn_u + p]) * sg
+            F.point[b, o + 4 * F.points] = dotted(along, F.point3[b, X.fn_v + p]) * sg
             F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
             F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
-            e = F.after[e]
-        k = F.after[k]
-    s = 0
-    while s < ns:
+    for s in indices(ns):
         for a in range(s, npt):  # h_a = sum over both ends of s of G[a,b] c_b
-            i = 0
-            while i < 7:
+            for i in indices(7):
                 F.point[b, X.resp + i * F.points + a] = Lanes(0.0)
-                i = F.after[i]
             for e in range(2):
                 o = (a * F.points + s + e) * GREEN
                 q = X.coef + e * 7 * F.points + s
@@ -67,8 +55,7 @@ def woodbury(b, nu, npt):
                         + (F.green[b, og] * c2 + F.green[b, og + 1] * c3 + F.green[b, og + 2] * c4)
                         + (F.green[b, og + 3] * c5 + F.green[b, og + 4] * c6)
                     )
-        r = s
-        while r < ns:
+        for r in indices(s, ns):
             x = F.point[b, X.coef + r] * F.point[b, X.resp + r]
             for e in ti.static(range(2)):
                 for i in ti.static(range(7)):
@@ -79,83 +66,59 @@ def woodbury(b, nu, npt):
                             * F.point[b, X.resp + i * F.points + r + e]
                         )
             F.dual[b, r * F.points + s] = x
-            r = F.after[r]
         F.dual[b, s * F.points + s] = F.dual[b, s * F.points + s] * 1.00001 + F.point[b, X.compliance + s]
-        s = F.after[s]
-    k = 0
-    while k < ns:
+    for k in indices(ns):
         F.dual[b, k * F.points + k] = 1.0 / F.dual[b, k * F.points + k]
-        i = k + 1
-        while i < ns:
+        for i in indices(k + 1, ns):
             ratio = F.dual[b, i * F.points + k] * F.dual[b, k * F.points + k]
             for j in range(k + 1, i + 1):
                 F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - ratio * F.dual[b, j * F.points + k]
-            i = F.after[i]
         # column k below the diagonal keeps l d; divide on use
-        k = F.after[k]
 
 
 @ti.func
 def wood_solve(b, npt):
     """LAM <- S^-1 LAM (S[k,k] holds 1/d, S[i,k] holds l d)"""
     ns = npt - 1
-    k = 0
-    while k < ns:
+    for k in indices(ns):
         t = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
-        i = k + 1
-        while i < ns:
+        for i in indices(k + 1, ns):
             F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, i * F.points + k] * t
-            i = F.after[i]
-        k = F.after[k]
     for kk in range(ns):
         k = ns - 1 - kk
         F.point[b, X.lam + k] = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
         t = F.point[b, X.lam + k]
-        i = 0
-        while i < k:
+        for i in indices(k):
             F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, k * F.points + i] * t
-            i = F.after[i]
 
 
 @ti.func
 def muscle_correct(b, nu, nv, npt):
     """The second plane of F.modal3 <- R - J^T S^-1 J (the second plane), where R is its copy in the third."""
     N = nu * nv
-    k = 0
-    while k < npt:
+    for k in indices(npt):
         F.point[b, X.lam + k] = Lanes(0.0)
-        k = F.after[k]
-    p = 0
-    while p < npt:
+    for p in indices(npt):
         contract_rows(b, nu, nv, p)
         functionals(b, nu, p, False, 0, 0)
-        i = 0
-        while i < 7:
+        for i in indices(7):
             if p < npt - 1:
                 F.point[b, X.lam + p] = F.point[b, X.lam + p] + F.point[b, X.coef + i * F.points + p] * F.row[b, i]
             if p > 0:
                 F.point[b, X.lam + p - 1] = (
                     F.point[b, X.lam + p - 1] + F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.row[b, i]
                 )
-            i = F.after[i]
-        p = F.after[p]
     wood_solve(b, npt)
-    k = N
-    while k < 2 * N:
+    for k in indices(N, 2 * N):
         F.modal3[b, k] = F.modal3[b, N + k]
-        k = F.after[k]
-    p = 0
-    while p < npt:
-        i = 0
-        while i < 7:
+    for p in indices(npt):
+        for i in indices(7):
             F.row[b, i] = Lanes(0.0)
             if p < npt - 1:
                 F.row[b, i] = F.row[b, i] - F.point[b, X.coef + i * F.points + p] * F.point[b, X.lam + p]
             if p > 0:
                 F.row[b, i] = F.row[b, i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
-            i = F.after[i]
         add_sources(b, nu, nv, p)
-        p = F.after[p]
 
 
 @ti.func
@@ -167,10 +130,8 @@ def solve(b, nu, nv, npt, coarse):
     for inverse in range(2):
         transform(b, nu, nv, inverse * N, (1 - inverse) * N, inverse)
         if inverse == 0:
-            k = N
-            while k < N * solves:
+            for k in indices(N, N * solves):
                 F.modal3[b, N + k] = F.modal3[b, k]
-                k = F.after[k]
             if coarse:
                 restrict(b, nu, nv)
             for turn in range(solves):

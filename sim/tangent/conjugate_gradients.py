@@ -3,7 +3,7 @@
 import taichi as ti
 
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, F, T
+from sim.kernels.fields import LANES, F, T, indices
 from sim.kernels.vectors import Lanes, Wide, sum3, thrice
 from sim.solver.frames import rotate
 from sim.solver.muscles import solve
@@ -29,10 +29,8 @@ def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
     """T.x += the solution of -tangent x = F.r, until the preconditioned residual is below `tolerance` times that. What
     came of it to T.outcome at `slot`; a lane whose tangent is not positive definite stops."""
     count = (nu + 2) * (nv + 2)
-    k = 0
-    while k < count:
+    for k in indices(count):
         F.node3[b, F.p + k] = Wide(0.0)
-        k = F.after[k]
     F.reduce[b, ACTIVE] = Lanes(1.0)
     i = 0
     while i <= iterations:
@@ -41,17 +39,14 @@ def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
         rotate(b, nu, nv, F.y, False)
         for n in range(3):
             F.reduce[b, n] = Lanes(0.0)
-        k = 0
-        while k < count:
+        for k in indices(count):
             y = F.node3[b, F.y + k]
             x = T.node3[b, T.x + k]
             F.reduce[b, 0] = F.reduce[b, 0] + sum3(y * F.node3[b, F.r + k])
             F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * y)
             F.reduce[b, 2] = F.reduce[b, 2] + sum3(x * x)
-            k = F.after[k]
         going = 0
-        lane = 0
-        while lane < LANES:
+        for lane in indices(LANES):
             rz = F.reduce[b, 0][lane]
             small = F.reduce[b, 1][lane] <= tolerance * tolerance * F.reduce[b, 2][lane]
             beta = ti.f32(0.0)
@@ -66,7 +61,6 @@ def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
                     T.outcome[b, slot][lane] = SOLVED if small else INDEFINITE
                 else:
                     going += 1
-            lane = F.after[lane]
         if going == 0 or i == iterations:
             i = iterations
         else:
@@ -79,22 +73,17 @@ def advance(b, nu, nv, npt, support, slot):
     """One direction further."""
     count = (nu + 2) * (nv + 2)
     beta, active = thrice(F.reduce[b, 1]), thrice(F.reduce[b, ACTIVE])
-    k = 0
-    while k < count:
+    for k in indices(count):
         d = active * (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k])
         F.node3[b, F.p + k] = d
-        k = F.after[k]
     apply_tangent(b, nu, nv, npt, support)
     F.reduce[b, 2] = Lanes(0.0)
-    k = 0
-    while k < count:
+    for k in indices(count):
         f = F.node3[b, F.f + k] - thrice(F.scheme[b, CA] * F.node[b, F.mass + k]) * F.node3[b, F.p + k]
         f = f * thrice(F.node[b, F.free + k])
         F.node3[b, F.f + k] = f
         F.reduce[b, 2] = F.reduce[b, 2] - sum3(F.node3[b, F.p + k] * f)
-        k = F.after[k]
-    lane = 0
-    while lane < LANES:
+    for lane in indices(LANES):
         alpha = ti.f32(0.0)
         if F.reduce[b, ACTIVE][lane] > 0:
             if F.reduce[b, 2][lane] > 0:
@@ -103,10 +92,7 @@ def advance(b, nu, nv, npt, support, slot):
                 T.outcome[b, slot][lane] = INDEFINITE
                 F.reduce[b, ACTIVE][lane] = 0.0
         F.reduce[b, 3][lane] = alpha
-        lane = F.after[lane]
     step = thrice(F.reduce[b, 3])
-    k = 0
-    while k < count:
+    for k in indices(count):
         T.node3[b, T.x + k] = T.node3[b, T.x + k] + step * F.node3[b, F.p + k]
         F.node3[b, F.r + k] = F.node3[b, F.r + k] + step * F.node3[b, F.f + k]
-        k = F.after[k]

@@ -7,7 +7,7 @@ constants move that far in the direction in which the column moves them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -139,14 +139,6 @@ class LaneColumns(NamedTuple):
     acceleration: Array | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class ClothChange:
-    """How the lanes' constants move, and what forces at both sides are to be weighted by."""
-
-    sides: tuple[NDArray[np.float32], NDArray[np.float32]]  # (blocks, constants, LANES) each
-    weight: NDArray[np.float32]  # (blocks, LANES), of the second side; the first has the negative
-
-
 class Explicit:
     """The lanes of a batch, and what columns change in them."""
 
@@ -186,8 +178,9 @@ class Explicit:
             for lane in self._columns
         ]
 
-    def of_cloth(self, moved: Sequence[Sides | None]) -> ClothChange | None:
-        """Return what one column changes in the lanes' cloths; None where that is nothing."""
+    def of_cloth(self, moved: Sequence[Sides | None]) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Return what one column changes in the lanes' cloths: constants (blocks, constants, LANES) of both sides, and
+        (blocks, LANES) by what forces there are to be weighted; nothing where it changes nothing."""
         middle = np.array([lane.constants for lane in self._lanes])
         change, weight = np.zeros_like(middle), np.zeros(len(middle))
         for k, changed in enumerate(moved):
@@ -197,10 +190,8 @@ class Explicit:
             largest = np.max(np.abs(slope) / self._scale[k], initial=0.0)
             if largest > 0:
                 change[k], weight[k] = slope * LARGE / largest, largest / (2 * LARGE)
-        if not weight.any():
-            return None
-        sides = side_by_side(list(middle - change)), side_by_side(list(middle + change))
-        return ClothChange(sides, weight.reshape(-1, LANES).astype(np.float32))
+        weights = weight.reshape(-1, LANES).astype(np.float32)
+        return [(side_by_side(list(middle + sign * change)), sign * weights) for sign in (-1, 1) if weights.any()]
 
     def of_damping(self, moved: Sequence[Sides | None]) -> Array:
         """Return (lanes,) by which share a unit of one column changes the viscous forces: all go by one factor."""

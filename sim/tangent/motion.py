@@ -9,19 +9,17 @@ error in system identification). d' and d'' are seen; springs sigma M on both si
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.effects.acting import acting_pressure
-from fabdesign.nouns.array import Array, Floats
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import SPRINGS, Balance
 from fabdesign.nouns.forward import Case, Instant
-from sim.kernels.fields import LANES
 from sim.kernels.transfer import put
-from sim.loading import side_by_side
+from sim.loading import ringed
 from sim.schedule import Batch
 from sim.tangent.conjugate_gradients import SOLVED
 from sim.tangent.explicit import LaneColumns, MovedCases
-from sim.tangent.shape_kernels import write_columns
+from sim.tangent.shape_kernels import write_column
 from sim.tangent.shapes import Balanced, Solved
 
 FARTHEST = 5e-3  # m, RMS from a frame to where its forces balance: farther off its acceleration was not resolved
@@ -33,7 +31,10 @@ def solve_in_motion(
     """Return the responses (k, n, n, 3) m of the lanes of a batch, each at an instant, as their middle, and the columns
     solved."""
     state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
-    put(batch.blocks, {plane: ringed([getattr(one, name) for one in instants]) for plane, name in state.items()})
+    put(
+        batch.blocks,
+        {plane: ringed(np.array([getattr(one, name) for one in instants])) for plane, name in state.items()},
+    )
     balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
     changes = balanced.changes()
     loads = [SPRINGS * one.moved - one.moved_acceleration for one in instants]
@@ -41,10 +42,9 @@ def solve_in_motion(
         mass[:, None] * load.reshape(len(load), -1, 3) for mass, load in zip(balanced.host.masses, loads, strict=True)
     ]
     count = len(forces[0])
-    by_slot = np.ascontiguousarray(np.array(forces, np.float32).swapaxes(0, 1))
-    write_columns(*batch.grid, count, by_slot.reshape(count, batch.blocks, LANES, -1, 3))
     for slot in range(count):
-        put(batch.blocks, {"vp": ringed([one.moved_velocity[slot] for one in instants])})
+        write_column(slot, balanced.at_nodes(np.array([force[slot] for force in forces])))
+        put(batch.blocks, {"vp": ringed(np.array([one.moved_velocity[slot] for one in instants]))})
         balanced.add_viscous(slot, np.ones(len(lanes)))
     responses, outcomes = balanced.solved(count)
     sound = balanced.settled & (outcomes == SOLVED).all(axis=1)
@@ -65,8 +65,3 @@ def balance_of(solved: Solved, count: int) -> Balance:
         changes[column] = change
     nothing = 0.0 if solved.settled else np.nan
     return Balance(solved.middle + np.float32(nothing), changes + np.float32(nothing))
-
-
-def ringed(fields: Sequence[Floats]) -> NDArray[np.float32]:
-    """Return (blocks, nodes, 3, LANES) of a field (n, n, 3) of each lane, with a ring of zeros."""
-    return side_by_side([np.pad(field, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3).T for field in fields])

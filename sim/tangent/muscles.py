@@ -7,8 +7,8 @@ nothing reads those once the preconditioner is built.
 import taichi as ti
 
 from sim.forces.muscles import sample, scatter
-from sim.kernels.fields import F, T, X
-from sim.kernels.vectors import Wide, cross, parts, sum3, thrice
+from sim.kernels.fields import F, T, X, indices
+from sim.kernels.vectors import Wide, crossed, sum3, thrice
 
 
 @ti.func
@@ -22,19 +22,9 @@ def muscle_tangent(b, nu, npt):
 
 
 @ti.func
-def crossed(e, g):
-    """e x g of vectors in one element each."""
-    ax, ay, az = parts(e)
-    bx, by, bz = parts(g)
-    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
-    return Wide(cx, cy, cz)
-
-
-@ti.func
 def points(b, npt):
     """Changes of the normals and positions of the fixed points."""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         along_u = F.point3[b, X.tan_u + pt]
         along_v = F.point3[b, X.tan_v + pt]
         d_u = F.point3[b, X.fu_u + pt]
@@ -47,18 +37,14 @@ def points(b, npt):
         d_normal = d_area - larger * normal
         T.point3[b, T.d_normal + pt] = d_normal
         F.point3[b, X.fu + pt] = F.point3[b, X.fu + pt] + offset * d_normal
-        pt = F.after[pt]
 
 
 @ti.func
 def pull(b, npt):
     """Changes of the intervals' pulls on their fixed points."""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         T.point3[b, T.d_force + pt] = Wide(0.0)
-        pt = F.after[pt]
-    k = 0
-    while k < npt - 1:
+    for k in indices(npt - 1):
         along = F.point3[b, X.dir + k]
         apart = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
         il = 1.0 / ti.sqrt(sum3(apart * apart) + 1e-16)  # spare points lie upon each other
@@ -70,14 +56,12 @@ def pull(b, npt):
         d_pull = thrice(active * tension) * along + thrice(active * F.point[b, X.tension + k]) * turned
         T.point3[b, T.d_force + k] = T.point3[b, T.d_force + k] + d_pull
         T.point3[b, T.d_force + k + 1] = T.point3[b, T.d_force + k + 1] - d_pull
-        k = F.after[k]
 
 
 @ti.func
 def couples(b, npt):
     """Changes of the couples that the forces make by their lever, to X.grad_u and X.grad_v."""
-    pt = 0
-    while pt < npt:
+    for pt in indices(npt):
         force = F.point3[b, X.force + pt]
         d_force = T.point3[b, T.d_force + pt]
         normal = F.point3[b, X.normal + pt]
@@ -95,4 +79,3 @@ def couples(b, npt):
         d_couple = lever * (d_force - thrice(d_along) * normal - thrice(along) * d_normal) - larger * couple
         F.point3[b, X.grad_u + pt] = crossed(d_couple, along_v) + crossed(couple, d_v)
         F.point3[b, X.grad_v + pt] = crossed(d_u, couple) + crossed(along_u, d_couple)
-        pt = F.after[pt]

@@ -4,7 +4,7 @@ import taichi as ti
 
 from sim.forces.cloth import fabric_force
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, T, Timed, X, floats, ints
+from sim.kernels.fields import LANES, SPREAD, WIDE, F, T, Timed, X, floats, indices
 from sim.kernels.vectors import Lanes, Wide, thrice
 from sim.solver.coarse_space import assemble
 from sim.solver.flat_cloth import factorise
@@ -22,14 +22,10 @@ ADDED = (REMEMBERED,)  # as it is held; shapes with other forces of effects take
 @ti.func
 def forces_held(b, nu, nv, npt, support, pressure: ti.template()):
     """F.f <- forces at F.q less inertia, at the velocity and acceleration held, under the channels' pressures."""
-    lane = 0
-    while lane < LANES:
-        k = 0
-        while k < npt:
+    for lane in indices(LANES):
+        for k in indices(npt):
             acting = pressure[b, F.channel[b, k][lane], lane]
             F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
-            k = F.after[k]
-        lane = F.after[lane]
     fabric_force(b, nu, nv, support, False)
     if npt > 0:
         muscles(b, nu, npt, ADDED)
@@ -43,48 +39,30 @@ def begin(nb: ti.i32, nu: ti.i32, nv: ti.i32, stiffness: ti.f32):
     Springs of `stiffness` 1/s^2 times the mass hold it there. T is zeroed."""
     ti.loop_config(serialize=True)
     for b in range(nb):
-        k = 0
-        while k < F.scheme.shape[1]:
+        for k in indices(F.scheme.shape[1]):
             F.scheme[b, k] = Lanes(0.0)
-            k = F.after[k]
         F.scheme[b, CA] = Lanes(stiffness)
-        k = 0
-        while k < (nu + 2) * (nv + 2):
+        for k in indices((nu + 2) * (nv + 2)):
             F.node3[b, F.q + k] = F.node3[b, F.x0 + k]
             F.node3[b, F.hv + k] = F.node3[b, F.v0 + k]
             F.node3[b, F.ha + k] = F.node3[b, F.a0 + k]
             F.node3[b, F.vp + k] = -F.node3[b, F.v0 + k]  # what damping changes: all of the velocity
             F.node3[b, F.carried + k] = Wide(0.0)
-            k = F.after[k]
-        k = 0
-        while k < T.node.shape[1]:
+        for k in indices(T.node.shape[1]):
             T.node[b, k] = Lanes(0.0)
-            k = F.after[k]
-        k = 0
-        while k < T.node3.shape[1]:
+        for k in indices(T.node3.shape[1]):
             T.node3[b, k] = Wide(0.0)
-            k = F.after[k]
 
 
 @Timed
 @ti.kernel
-def write_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: floats(5)):
-    """T.columns = forces (slots, nb, LANES, nu nv, 3), 0 where nodes are held and around the grid."""
-    for b in range(nb):
-        for slot in range(slots):
-            k = 0
-            while k < (nu + 2) * (nv + 2):
-                T.columns[b, slot * F.nodes + k] = Wide(0.0)
-                k = F.after[k]
-            for lane in range(LANES):
-                for j in range(nv):
-                    i = 0
-                    while i < nu:
-                        k = (j + 1) * (nu + 2) + i + 1
-                        for c in range(3):
-                            force = F.node[b, F.free + k][lane] * forces[slot, b, lane, j * nu + i, c]
-                            T.columns[b, slot * F.nodes + k][c * LANES + lane] = force
-                        i = F.after[i]
+def write_column(slot: ti.i32, forces: floats(3)):
+    """T.columns at `slot` = forces (nb, nodes, WIDE)."""
+    ti.loop_config(serialize=True)
+    for b in range(forces.shape[0]):
+        for k in indices(forces.shape[1]):
+            for lane in indices(WIDE):
+                T.columns[b, slot * F.nodes + k][lane] = forces[b, k, lane]
 
 
 @Timed
@@ -101,11 +79,8 @@ def explicit(
             for lane in range(LANES):
                 share[lane] = weight[b, lane]
             o = slot * F.nodes
-            k = 0
-            while k < (nu + 2) * (nv + 2):
-                force = thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
-                T.columns[b, o + k] = T.columns[b, o + k] + force
-                k = F.after[k]
+            for k in indices((nu + 2) * (nv + 2)):
+                T.columns[b, o + k] = T.columns[b, o + k] + thrice(share) * F.node3[b, F.f + k]
 
 
 @ti.kernel
@@ -121,25 +96,19 @@ def _viscous_kernel(
             for lane in range(LANES):
                 share[lane] = weight[b, lane]
             o = slot * F.nodes
-            turn = 0
-            while turn < 2:
+            for turn in indices(2):
                 add_velocity(b, nu, nv, 1.0 - 2.0 * turn)
                 forces_held(b, nu, nv, npt, support, pressure)
-                k = 0
-                while k < (nu + 2) * (nv + 2):
-                    force = (1.0 - 2.0 * turn) * thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
+                for k in indices((nu + 2) * (nv + 2)):
+                    force = (1.0 - 2.0 * turn) * thrice(share) * F.node3[b, F.f + k]
                     T.columns[b, o + k] = T.columns[b, o + k] + force
-                    k = F.after[k]
-                turn = F.after[turn]
 
 
 @ti.func
 def add_velocity(b, nu, nv, share):
     """The velocity that is held grows by a share of vp."""
-    k = 0
-    while k < (nu + 2) * (nv + 2):
+    for k in indices((nu + 2) * (nv + 2)):
         F.node3[b, F.hv + k] = F.node3[b, F.hv + k] + share * F.node3[b, F.vp + k]
-        k = F.after[k]
 
 
 @ti.kernel
@@ -156,30 +125,24 @@ def _solve_kernel(
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
             b = task // SPREAD
-            turn = 0
-            while turn < turns:
+            for turn in indices(turns):
                 if settles == 1 or turn == 0:
                     forces_held(b, nu, nv, npt, support, pressure)
                 if settles == 1 and turn == 0:
                     precondition(b, nu, nv, npt, support, smoothing, stiffened)
                 o = turn * F.nodes
-                k = 0
-                while k < (nu + 2) * (nv + 2):
-                    right = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+                for k in indices((nu + 2) * (nv + 2)):
+                    right = F.node3[b, F.f + k]
                     if settles == 0:
                         right = T.columns[b, o + k]
-                    F.node3[b, F.r + k] = right
+                    F.node3[b, F.r + k] = right * thrice(F.node[b, F.free + k])
                     T.node3[b, T.x + k] = Wide(0.0)
-                    k = F.after[k]
                 conjugate_gradients(b, nu, nv, npt, support, turn, iterations, tolerance)
-                k = 0
-                while k < (nu + 2) * (nv + 2):
+                for k in indices((nu + 2) * (nv + 2)):
                     if settles == 1:
                         F.node3[b, F.q + k] = F.node3[b, F.q + k] + T.node3[b, T.x + k]
                     else:
                         T.columns[b, o + k] = T.node3[b, T.x + k]
-                    k = F.after[k]
-                turn = F.after[turn]
 
 
 @ti.func
@@ -195,33 +158,6 @@ def precondition(b, nu, nv, npt, support, smoothing, stiffened):
     if support < EDGES:
         assemble(b, nu, nv, npt)
     F.scheme[b, CA] = springs
-
-
-@Timed
-@ti.kernel
-def read_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: floats(5)):
-    """out (nb, slots, LANES, nu nv, 3): columns."""
-    for b in range(nb):
-        for slot in range(slots):
-            for lane in range(LANES):
-                for j in range(nv):
-                    i = 0
-                    while i < nu:
-                        k = slot * F.nodes + (j + 1) * (nu + 2) + i + 1
-                        for c in range(3):
-                            out[b, slot, lane, j * nu + i, c] = T.columns[b, k][c * LANES + lane]
-                        i = F.after[i]
-
-
-@Timed
-@ti.kernel
-def read_outcomes(nb: ti.i32, slots: ti.i32, out: ints(3)):
-    """out (nb, slots, LANES): what came of the last solves."""
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        for slot in range(slots):
-            for lane in range(LANES):
-                out[b, slot, lane] = T.outcome[b, slot][lane]
 
 
 solve_columns = Timed(_solve_kernel, "derivatives")

@@ -1,5 +1,5 @@
 """How shapes at rest change with parameters: the implicit function theorem, f(x, theta) = 0 (docs/model.md); and
-central differences of whole shapes and motions: reference, and what the tangent does not cover."""
+central differences of whole shapes: reference, and what the tangent does not cover."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,21 +11,14 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
-from sim.kernels.fields import LANES, SLOTS, F, allocate_tangent
-from sim.kernels.transfer import halt, put
+from sim.kernels.fields import LANES, SLOTS, F, T, allocate_tangent
+from sim.kernels.transfer import copied, halt, on_grid, put
+from sim.loading import ringed
 from sim.motion import faces
 from sim.schedule import Batch
 from sim.tangent.conjugate_gradients import SOLVED
 from sim.tangent.explicit import Explicit, LaneColumns, MovedCases
-from sim.tangent.shape_kernels import (
-    begin,
-    explicit,
-    read_columns,
-    read_outcomes,
-    solve_columns,
-    viscous,
-    write_columns,
-)
+from sim.tangent.shape_kernels import begin, explicit, solve_columns, viscous, write_column
 
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
 TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
@@ -43,7 +36,10 @@ class Solved:
     changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 
 
-def share_out(columns: Sequence[Sequence[int]]) -> list[tuple[int, tuple[int, ...]]]:
+Share = tuple[int, tuple[int, ...]]  # a case's number, and those of its columns that a lane solves
+
+
+def share_out(columns: Sequence[Sequence[int]]) -> list[Share]:
     """Return lanes for the `columns` of each case, each with its case's number: where there are spare lanes a case
     takes several, each with some of its columns."""
     copies = max(1, min(LANES // max(len(columns), 1), *map(len, columns)) if columns else 1)
@@ -105,16 +101,18 @@ class Balanced:
         batch, host = self._batch, self.host
         moved = [host.moved(k) for k in which]
         forces = host.of_muscles(moved, self.middle.astype(float).reshape(len(self._lanes), -1, 3))
-        write_columns(*batch.grid, len(which), forces.reshape(len(which), batch.blocks, LANES, -1, 3))
         for slot, sides in enumerate(moved):
+            write_column(slot, self.at_nodes(forces[slot]))
             self.add_viscous(slot, -host.of_damping(sides))
-        changes = {slot: change for slot, sides in enumerate(moved) if (change := host.of_cloth(sides)) is not None}
-        for slot, change in changes.items():
-            for constants, weight in zip(change.sides, (-change.weight, change.weight), strict=True):
+        for slot, sides in enumerate(moved):
+            for constants, weight in host.of_cloth(sides):
                 put(batch.blocks, {"lane": constants})
                 explicit(*batch.grid, batch.support, slot, weight)
-        if changes:
-            put(batch.blocks, {"lane": host.constants})
+        put(batch.blocks, {"lane": host.constants})
+
+    def at_nodes(self, values: Array) -> NDArray[np.float32]:
+        """Return (blocks, nodes, 3 LANES) of vectors (lanes, n n, 3), as a column has them."""
+        return ringed(values.reshape(self.middle.shape)).reshape(self._batch.blocks, -1, 3 * LANES)
 
     def add_viscous(self, slot: int, weight: Array) -> None:
         """Add weight (lanes,) times what the velocity vp in the fields, more than is held, changes in the forces."""
@@ -123,37 +121,33 @@ class Balanced:
             by_block = weight.reshape(-1, LANES).astype(np.float32)
             viscous(*batch.grid, batch.points, batch.support, slot, by_block, self.host.pressure)
 
-    def solved(self, slots: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    def solved(self, slots: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (lanes, slots, n, n, 3) m, the solutions of right sides in the fields, and what came of them."""
         batch = self._batch
         outcomes = _solve(batch, self.host, slots)
-        shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
-        read_columns(*batch.grid, slots, shapes)
-        return shapes.swapaxes(1, 2).reshape(-1, slots, *self.middle.shape[1:]), outcomes
+        return np.stack([on_grid(T.columns, batch.grid, slot * F.nodes) for slot in range(slots)], axis=1), outcomes
 
 
-def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -> NDArray[np.int32]:
+def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -> NDArray[np.float32]:
     """Return (lanes, turns) what came of so many linear solves."""
     solve_columns(
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
-    outcomes = np.empty((batch.blocks, turns, LANES), np.int32)
-    read_outcomes(batch.blocks, turns, outcomes)
-    return outcomes.swapaxes(1, 2).reshape(-1, turns)
+    return copied(T.outcome, batch.blocks, 0, turns).swapaxes(1, 2).reshape(-1, turns)
 
 
 SHIFT = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order
 Shapes = NDArray[np.floating[Any]]
-Outcome = Callable[[Sequence[int], Sequence[Case]], list[Shapes]]  # of moved cases, and of which case each is one
+Outcome = Callable[[Sequence[Case]], list[Shapes]]  # of moved cases
 
 
 class Jacobian(NamedTuple):
     """The derivatives of one case: mid-surfaces, how they change, and which columns are the tangent's, not
     differences."""
 
-    middle: Shapes  # ([T,] n, n, 3) m
-    changes: Shapes  # (p, [T,] n, n, 3) m per unit of the column; NaN where a moved case diverged
+    middle: Shapes  # (n, n, 3) m
+    changes: Shapes  # (p, n, n, 3) m per unit of the column; NaN where a moved case diverged
     exact: NDArray[np.bool_]  # (p,)
 
 
@@ -163,7 +157,7 @@ def differences(
     """Return differences by (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one
     batch."""
     moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
-    shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for both in moves for side in both.sides])
+    shapes = outcome([side for both in moves for side in both.sides])
     return {
         pair: (shapes[2 * k + 1].astype(float) - shapes[2 * k]) / both.width
         for k, (pair, both) in enumerate(zip(pairs, moves, strict=True))
@@ -177,7 +171,7 @@ def completed(
     but for columns without."""
     known = {i: solution for i, solution in solved.items() if solution.settled}
     missing = [i for i in range(len(cases)) if i not in known]
-    middles = dict(zip(missing, outcome(missing, [cases[i] for i in missing]), strict=True)) if missing else {}
+    middles = dict(zip(missing, outcome([cases[i] for i in missing]), strict=True)) if missing else {}
     middles |= {i: solution.middle for i, solution in known.items()}
     pairs = [
         (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes

@@ -83,16 +83,6 @@ def test_slopes_without_resistance_are_exact_and_near():
         assert 0 < np.linalg.norm(change - true) < 0.15 * np.linalg.norm(true)
 
 
-def test_columns_of_motions_are_those_of_the_moved_motions():
-    columns, times = [column.factor("damping")], np.array([0.02, 0.05])
-    [found] = SIMULATOR.motion_jacobian(CASES[:1], [times], columns)
-    low, high = (columns[0].moved(CASES[0], by) for by in (-columns[0].far, columns[0].far))
-    a, b = SIMULATOR.run([low, high], [times] * 2)
-    assert found.middle.shape == (2, N, N, 3)
-    assert not found.exact.any()
-    assert np.array_equal(found.changes[0], (b.middle.astype(float) - a.middle) / (2 * columns[0].far))
-
-
 def polynomial(offsets, values):
     """Value, velocity and acceleration at 0 of a cubic through values at offsets [s]."""
     rows = np.linalg.pinv(np.vander(offsets, 4, increasing=True))

@@ -8,7 +8,7 @@ import taichi as ti
 
 from sim import Simulator
 from sim.chunks import Chunk, laid
-from sim.forces.contact import STIFFNESS, ContactPairs, ContactSheet, contact, find, put
+from sim.forces.contact import STIFFNESS, ContactSheet, contact, find, no_pairs, put
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
 from tests.layers import depth
@@ -88,25 +88,25 @@ def sheet(n=N):
 
 def test_pairs_are_those_of_the_other_leaf():
     x = hairpin(0.012)
-    none = ContactPairs.none(N * N)
-    assert not find(hairpin(0.03), sheet(), 0.014, none).side.any()
+    none = no_pairs(N * N)
+    assert not find(hairpin(0.03), sheet(), 0.014, none)["side"].any()
     pairs = find(x, sheet(), 0.014, none)
-    node, layer = np.nonzero(pairs.side)
+    node, layer = np.nonzero(pairs["side"])
     rows = node // N
     assert set(range(7)) | set(range(14, 21)) <= set(rows.tolist())  # all of both leaves
-    other = pairs.row[node, layer] + pairs.eta[node, layer]
+    other = pairs["row"][node, layer] + pairs["eta"][node, layer]
     leaf = np.abs(rows - 10) > 3
     assert np.abs(other + rows - 20)[leaf].max() < 0.2  # opposite
-    assert (pairs.side[node, layer] == pairs.side[0, 0]).all() and (layer == 0).all()
+    assert (pairs["side"][node, layer] == pairs["side"][0, 0]).all() and (layer == 0).all()
 
 
 def test_node_that_has_slipped_through_keeps_its_side():
     x = hairpin(0.012)
-    before = find(x, sheet(), 0.014, ContactPairs.none(N * N))
+    before = find(x, sheet(), 0.014, no_pairs(N * N))
     x[0, 10, 2] -= 0.0121  # through the other leaf by 0.1 mm
-    kept, fresh = find(x, sheet(), 0.014, before), find(x, sheet(), 0.014, ContactPairs.none(N * N))
+    kept, fresh = find(x, sheet(), 0.014, before), find(x, sheet(), 0.014, no_pairs(N * N))
     node = 10
-    assert kept.side[node, 0] == before.side[node, 0] == -fresh.side[node, 0] != 0
+    assert kept["side"][node, 0] == before["side"][node, 0] == -fresh["side"][node, 0] != 0
 
 
 def test_leaf_lands_on_the_other_and_momentum_stays():

@@ -10,7 +10,7 @@ from fabdesign.effects.acting import specimen_of
 from sim import Simulator, state
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F, X
-from sim.kernels.transfer import ZEROED, ZEROED3, Contents, Shared, load
+from sim.kernels.transfer import ZEROED, ZEROED3, fill
 from sim.kernels.vectors import Lanes, Wide
 from sim.materials import CONSTANTS, Lane, M, lane_constants
 from tests.sim_designs import cloth, held, laced
@@ -51,9 +51,8 @@ def test_nothing_of_a_batch_is_left_for_the_next_one():
 
 
 def test_a_batch_loads_all_that_is_declared_as_loaded():
-    shared = Shared(4, 4, 0, *(np.zeros(0),) * 6)
     with pytest.raises(ValueError, match=r"a batch must load .*'mass'.* and lane; got"):
-        load(Contents(1, 0, {"x0": np.zeros((1, 1, 3, LANES))}, shared))
+        fill(1, {"x0": np.zeros((1, 1, 3, LANES))})
 
 
 def test_no_loop_over_a_field_is_longer_than_the_table_of_steps(monkeypatch):
