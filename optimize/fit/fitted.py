@@ -7,6 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from fabdesign.nouns.array import Array
+from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import Sample
 from optimize.fit.misfit import Misfit, capped, frames_of
@@ -93,8 +94,10 @@ def kept(
     checkpoint: Checkpoint, named: str, problem: Problem, inputs: InputErrors | None, compute: Callable[[], Fit]
 ) -> Fit:
     """Return the fit `named` of a problem: that of the checkpoint, else computed and kept. Kept are where it ended,
-    its Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again."""
+    its Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again. Which
+    unknowns there are may hang on a rounding, so a fit of others is another one."""
     fresh: list[Fit] = []
+    unknowns = sha256(repr(problem.vector.names))[:8]
 
     def arrays() -> Arrays:
         fresh.append(fit := compute())
@@ -102,7 +105,7 @@ def kept(
         weighed = {} if inputs is not None or fit.inputs is None else vars(fit.inputs)
         return {"x": fit.x, "jacobian": fit.state.jacobian, "told": numbers, **weighed}
 
-    there = checkpoint.arrays(f"fit_{named}", arrays)
+    there = checkpoint.arrays(f"fit_{named} {unknowns}", arrays)
     if fresh:
         return fresh[0]
     if inputs is None and "columns" in there:

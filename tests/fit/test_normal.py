@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from optimize.fit.descent import fit
 from optimize.fit.misfit import Misfit
 from optimize.fit.normal import MODES, normal_equations
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.problem import InputErrors, Linearisation
+from optimize.fit.problem import BenchProblem, InputErrors, Linearisation
 
 BLOCKS, POINTS = 12, 400
 SIGMA = 0.6e-3  # m
@@ -59,3 +60,27 @@ def test_what_looks_like_an_error_of_the_inputs_is_known_as_well_as_these_at_any
     known = float(normal.information[0, 0]) ** -0.5
     noise = normal.scale * np.sqrt(POINTS / MODES) / np.linalg.norm(pattern.reshape(BLOCKS, POINTS), axis=1)
     assert known == pytest.approx(np.sum(1 / (0.01**2 + noise**2)) ** -0.5, rel=1e-3)
+
+
+def test_a_kept_fit_is_that_of_its_unknowns():
+    """Of the same name, but with an unknown less or another one, it is computed."""
+    kept, computed = {}, []
+
+    class Kept:
+        def arrays(self, name, compute):
+            if name not in kept:
+                kept[name] = compute()
+                computed.append(name)
+            return kept[name]
+
+    rng, row = np.random.default_rng(0), np.repeat(np.arange(8), 5)
+    table, measured = rng.standard_normal((40, 3)), rng.standard_normal(40)
+
+    def fitted(*names):
+        vector = FitVector(tuple(FitParameter(name, 1.0) for name in names))
+        columns = table[:, : len(names)]
+        return fit(BenchProblem(lambda x: columns @ x - measured, row, row, vector), named="some", checkpoint=Kept())
+
+    first = fitted("a", "b")
+    assert (fitted("a", "b").x == first.x).all() and len(computed) == 1
+    assert len(fitted("a").x) == 1 and len(fitted("a", "c").x) == 2 and len(computed) == 3
