@@ -35,7 +35,7 @@ from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import UNSURE
-from optimize.fit.problem import Linearisation, Problem
+from optimize.fit.problem import Linearisation, Problem, fingerprint
 
 FRAMES = 10  # of a trial, that balance
 POINTS = 400  # of a frame
@@ -238,7 +238,7 @@ def fit_balance(
             fresh.append(fit := fit_balance(problem, progress=progress))
             return {"x": np.zeros(0) if fit is None else fit.x}
 
-        kept = checkpoint.arrays(f"fit_{named}", arrays)["x"]
+        kept = checkpoint.arrays(f"fit_{named} {fingerprint(problem.vector, problem.samples)}", arrays)["x"]
         if fresh or not len(kept):
             return fresh[0] if fresh else None
         return concluded(problem, problem.at(kept), None, np.nan, 0, "converged")

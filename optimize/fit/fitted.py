@@ -7,13 +7,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from fabdesign.nouns.array import Array
-from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import Sample
 from optimize.fit.misfit import Misfit, capped, frames_of
 from optimize.fit.normal import Normal, scatter, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.problem import InputErrors, Linearisation, Problem
+from optimize.fit.problem import InputErrors, Linearisation, Problem, fingerprint
 from optimize.fit.significance import conditioned
 
 # why a fit ended: too many steps; a step that promised next to nothing; more left than another fit would look at
@@ -94,10 +93,8 @@ def kept(
     checkpoint: Checkpoint, named: str, problem: Problem, inputs: InputErrors | None, compute: Callable[[], Fit]
 ) -> Fit:
     """Return the fit `named` of a problem: that of the checkpoint, else computed and kept. Kept are where it ended,
-    its Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again. Which
-    unknowns there are may hang on a rounding, so a fit of others is another one."""
+    its Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again."""
     fresh: list[Fit] = []
-    unknowns = sha256(repr(problem.vector.names))[:8]
 
     def arrays() -> Arrays:
         fresh.append(fit := compute())
@@ -105,7 +102,7 @@ def kept(
         weighed = {} if inputs is not None or fit.inputs is None else vars(fit.inputs)
         return {"x": fit.x, "jacobian": fit.state.jacobian, "told": numbers, **weighed}
 
-    there = checkpoint.arrays(f"fit_{named} {unknowns}", arrays)
+    there = checkpoint.arrays(f"fit_{named} {fingerprint(problem.vector, problem.samples)}", arrays)
     if fresh:
         return fresh[0]
     if inputs is None and "columns" in there:

@@ -11,6 +11,7 @@ from fabdesign.geometry.shape import Sheet, sheets_of
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.trial import Accuracy, Trial
+from fabdesign.runtime.fingerprint import sha256
 from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.misfit import ROWS, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
@@ -47,6 +48,13 @@ class Linearisation(Evaluation):
         """Return what a step (p,) leads to where the residuals are linear."""
         misfit = replace(self.misfit, residual=self.misfit.residual + self.jacobian @ step)
         return Evaluation(self.x + step, misfit, self.sheets)
+
+
+def fingerprint(vector: FitVector, samples: Sequence[Sample]) -> str:
+    """Return a short hash of the unknowns and the trials of a fit, by which it is kept: which there are may hang on a
+    rounding, or on what a fit before says of a trial."""
+    trials = [(sample.trial.name, sample.trial.design_name, sample.trial.order) for sample in samples]
+    return sha256(repr((vector.names, trials)))[:8]
 
 
 class Problem:

@@ -162,7 +162,6 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
     """Return the fit. With effects, it begins at the data sheet too: where the fit without them, of TRIALS, ends may be
     far off, in a false minimum. Where that is interrupted, the better of both is kept."""
     plain: Fit | None = None
-    fits = replace(fits, named=f"effects of {len(data.trials)} trials")
     try:
         if not vector.terms:
             starts = starts_of(vector, fit_in_balance(data, fits.within(0.0, _IN_BALANCE), vector))
@@ -175,7 +174,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
         def no_effects(named: str, vector: FitVector) -> Progress:
             return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
 
-        alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
+        alone = replace(early, progress_of=no_effects)
         plain = alone.fit(alone.problem(some, factors), FitStart(starts_of(factors, balanced)), _last(factors))
         fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced)
     except KeyboardInterrupt as stop:

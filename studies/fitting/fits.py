@@ -27,15 +27,14 @@ from studies.measured.fit_data import MeasuredData
 @dataclass(frozen=True, eq=False)
 class Fits:
     """How fits are made. tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for first steps
-    and derivatives. progress_of: the progress of the fit of a name and a vector. named: before the names of fits in the
-    checkpoint. last: the policy of the last of several fits."""
+    and derivatives. progress_of: the progress of the fit of a name and a vector. last: the policy of the last of
+    several fits."""
 
     forward: ForwardModel
     tolerance: float
     slopes: ForwardModel | None = None
     checkpoint: Checkpoint | None = None
     progress_of: Callable[[str, FitVector], Progress] = lambda named, vector: silent
-    named: str = ""
     last: Callable[[FitVector], Policy] = lambda vector: ROUGH
 
     @property
@@ -56,7 +55,6 @@ class Fits:
 
     def fit(self, problem: FitProblem, start: FitStart, policy: Policy, named: str = "") -> Fit:
         """Return the fit of a name, kept or computed."""
-        named = f"{self.named} {named}".strip()
         progress = self.progress_of(named, problem.vector)
         return fit(problem, start, policy, named=named, checkpoint=self.checkpoint, progress=progress)
 

@@ -106,10 +106,10 @@ class Outcome(TraceOutcome, OfModel):
         """Return lines for people."""
         lines = []
         if self.selection.small:
-            names = _listed(self.selection.small)
+            names = effects_in_words(self.selection.small)
             lines.append(f"{names}: seen for certain, but too small to matter; not in the model")
         if self.verdict == "effect" and self.selection.slight:
-            names = _listed(self.selection.slight)
+            names = effects_in_words(self.selection.slight)
             lines.append(f"{names}: no more than in any careful build; in the model, which predicts better with it")
         if self.follows == "order":
             lines.append(
@@ -203,9 +203,9 @@ def noise_floor(errors: Sequence[TrialResult], otherwise: float) -> float:
     return next((floor for floor in of_roles if floor is not None), otherwise)
 
 
-def _listed(labels: Sequence[str]) -> str:
+def effects_in_words(labels: Sequence[str], between: str = ", ") -> str:
     """Return the effects of some labels, for people."""
-    return ", ".join(name.replace("_", " ") for name in effects_of(labels))
+    return between.join(name.replace("_", " ") for name in effects_of(labels))
 
 
 def model_of(

@@ -7,7 +7,6 @@ from markupsafe import Markup
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.learned import formula
-from fabdesign.effects.registry import effects_of
 from fabdesign.files.motion_file import square_triangles
 from fabdesign.nouns.forward import Term
 from fabdesign.nouns.model import EffectTerm, Parameter, Quantity
@@ -18,7 +17,7 @@ from studies.model_selection.verdict import effect_in_words
 from studies.report import charts, page
 from studies.report.page import gain_in_words
 from studies.tracing.experiment import Explanation
-from studies.tracing.outcome import Outcome
+from studies.tracing.outcome import Outcome, effects_in_words
 from studies.tracing.residual_analysis import remains
 from studies.view import Item, render_page
 
@@ -49,7 +48,7 @@ def verdict_in_words(outcome: Outcome) -> str:
         if evidence.typical <= outcome.tolerance:
             sentence += _of_single_trials(evidence.typical)
         if outcome.selection.labels:
-            part = " and ".join(name.replace("_", " ") for name in effects_of(outcome.selection.labels))
+            part = effects_in_words(outcome.selection.labels, " and ")
             sentence += f" A part would be taken by {part}, which leaves {excess:.2f} mm."
         return sentence
     named = " and ".join(_one_answer(effect, outcome.alike) for effect in outcome.effects)

@@ -13,11 +13,12 @@ from fabdesign.nouns.column import Balance
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
-from optimize.fit.balance import FRAMES, HALF, frames_around
+from optimize.fit.balance import FRAMES, HALF, acting_in_balance, frames_around
 from optimize.fit.clouds import Density, Sample, match
 from optimize.fit.displacement import Unstrained, heights
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import frames_of
+from optimize.fit.problem import fingerprint
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
 from studies.fitting.fits import Fits, fit_in_balance, shown, starts_of, unneeded, worth_fitting
@@ -160,7 +161,7 @@ def test_a_balance_is_kept(data, forward, vector, balanced):
 
     class Kept:
         def arrays(self, name, compute):
-            assert name == "fit_in balance"
+            assert name == f"fit_in balance {fingerprint(acting_in_balance(vector), data.samples)}"
             return {"x": balanced.x}
 
     said = []

@@ -1,5 +1,7 @@
 """The normal equations of a fit beside the same done slowly, with the covariance of a block written out."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from optimize.fit.descent import fit
 from optimize.fit.misfit import Misfit
 from optimize.fit.normal import MODES, normal_equations
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.problem import BenchProblem, InputErrors, Linearisation
+from optimize.fit.problem import BenchProblem, InputErrors, Linearisation, fingerprint
 
 BLOCKS, POINTS = 12, 400
 SIGMA = 0.6e-3  # m
@@ -84,3 +86,10 @@ def test_a_kept_fit_is_that_of_its_unknowns():
     first = fitted("a", "b")
     assert (fitted("a", "b").x == first.x).all() and len(computed) == 1
     assert len(fitted("a").x) == 1 and len(fitted("a", "c").x) == 2 and len(computed) == 3
+
+
+def test_fits_to_other_trials_are_kept_apart():
+    trials = [SimpleNamespace(trial=SimpleNamespace(name=f"00{k}", design_name="basic", order=k)) for k in range(3)]
+    every, without_one = (fingerprint(vector(2), some) for some in (trials, trials[1:]))
+    assert every == fingerprint(vector(2), trials) != without_one
+    assert every != fingerprint(vector(3), trials)
