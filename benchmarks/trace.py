@@ -93,6 +93,7 @@ KINDS = {
     "outside": "outside the list",
     "withheld": "withheld from the list",
     "drift": "a drift outside the list",
+    "held": "levels held: none, one, several, outside",
 }
 
 
