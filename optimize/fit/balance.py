@@ -34,7 +34,7 @@ from optimize.fit.fitted import Fit, concluded
 from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import UNSURE
+from optimize.fit.policy import NEAR, UNSURE
 from optimize.fit.problem import Linearisation, Problem, fingerprint
 
 FRAMES = 10  # of a trial, that balance
@@ -254,7 +254,7 @@ def fit_balance(
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
         x = vector.inside(state.x + step)
         longest = float(np.abs(step / vector.scale).max())
-        if longest < UNSURE.slight or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
+        if longest < NEAR or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
             break
     if state is None:
         return None

@@ -198,7 +198,8 @@ def begin_beside(refits: Refits, selection: Selection) -> Selection | None:
 
 def too_little(refits: Refits, selection: Selection) -> Selection | None:
     """Drop the effects that trials left out gain too little by, to first order: as many as a fit without them loses
-    nothing by. One stays to be asked alone."""
+    nothing by. One stays to be asked alone. Of several the least is asked all the same: where each makes up for what
+    another does, none seems to be spare to first order."""
     judged, limit, labels = selection.judged, least(refits, selection), selection.chosen.vector.labels
 
     def stays(off: Sequence[str], label: str) -> bool:
@@ -207,6 +208,8 @@ def too_little(refits: Refits, selection: Selection) -> Selection | None:
 
     idle = [label for label in labels if label not in judged.parts]
     weak = idle or below(judged, [label for label in labels if label not in selection.asked], limit, stays)
+    if not weak and len(labels) > 1 and not selection.asked:
+        weak = [min(labels, key=lambda label: judged.gains[label][0])]
     if not weak:
         return None
     if len(labels) == 1:

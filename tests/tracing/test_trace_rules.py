@@ -81,7 +81,6 @@ def test_what_gains_less_than_the_tolerance_goes_and_of_several_less_than_what_i
     made = Made()
     after = rules.too_little(made, selection({"lag": 3.0, "droop": 0.4, "creep": 0.6}))
     assert after.small == ("droop",) and [*after.gains] == ["lag", "creep"]
-    assert rules.too_little(made, selection({"lag": 3.0, "creep": 0.6})) is None
     after = rules.too_little(made, selection({"lag": 3.0, "creep": 0.6}, excess=0.7))
     assert after.small == ("creep",)
     last = rules.too_little(made, selection({"creep": 0.4}))
@@ -94,6 +93,15 @@ def test_what_a_fit_without_it_loses_is_not_dropped_nor_asked_again():
     after = rules.too_little(made, begun)
     assert after.asked == ("droop",) and [*after.gains] == ["lag", "droop"]
     assert rules.too_little(made, after) is None
+
+
+def test_the_least_of_several_is_asked_though_it_gains_enough_to_first_order():
+    gains = {"lag": 3.0, "droop": 2.0, "creep": 1.0}
+    after = rules.too_little(Made(), selection(gains))
+    assert after.small == ("creep",) and [*after.gains] == ["lag", "droop"]
+    after = rules.too_little(made := Made(), selection(gains, needed=frozenset(["creep"])))
+    assert after.asked == ("creep",) and [*after.gains] == [*gains]
+    assert rules.too_little(made, after) is None and made.calls == [("without", "creep")]
 
 
 def test_the_declared_parameters_begin_beside_the_last_effect_once():
