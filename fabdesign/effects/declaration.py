@@ -231,7 +231,7 @@ class Effect:
         alone is told from a lag by motions, not by frames in balance."""
         return self.force is not None and self.bench is not None and self.remembers
 
-    @property
+    @cached_property
     def strengths(self) -> tuple[str, ...]:
         """Return the parameters that switch it off."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.off is not None)
@@ -256,5 +256,5 @@ class Effect:
 
     def is_off(self, given: Values) -> bool:
         """Return whether it changes nothing at these values."""
-        values = self.values(given)
-        return bool(self.strengths) and all(values[name] == self.parameters[name].off for name in self.strengths)
+        switches = ((given.get(name, p.typical), p.off) for name in self.strengths for p in [self.parameters[name]])
+        return bool(self.strengths) and all(value == off for value, off in switches)
