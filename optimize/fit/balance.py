@@ -34,7 +34,7 @@ from optimize.fit.fitted import Fit, concluded
 from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import NEAR, UNSURE
+from optimize.fit.policy import UNSURE
 from optimize.fit.problem import Linearisation, Problem, fingerprint
 
 FRAMES = 10  # of a trial, that balance
@@ -46,6 +46,7 @@ COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a mo
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
+SLIGHT = 0.05  # of a logarithm: motions mend a shorter step
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
 
 
@@ -254,7 +255,7 @@ def fit_balance(
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
         x = vector.inside(state.x + step)
         longest = float(np.abs(step / vector.scale).max())
-        if longest < NEAR or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
+        if longest < SLIGHT or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
             break
     if state is None:
         return None

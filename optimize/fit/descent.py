@@ -82,7 +82,7 @@ def fit(
 
 class _Descent:
     """A fit under way. state: where it stands, on the engine that it goes by. exact: how many columns of the Jacobian
-    were made there. made: (p,) where the last were. reached: makes the fit that ends where the last iteration began."""
+    were made there. reached: makes the fit that ends where the last iteration began."""
 
     def __init__(self, problem: Problem, start: FitStart, policy: Policy) -> None:
         self.problem, self.start, self.policy = problem, start, policy
@@ -101,7 +101,6 @@ class _Descent:
         first, second = parts(rows, 1.0 if policy.end is None else 0.5)
         best = self._best_start()
         self.state = begun(coarse, best, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
-        self.made = self.state.x
         begin = replace(policy.begin, exact_end=policy.begin.exact_end and by_jacobian)
         self._descend(begin, "", first, len(self.state.x) if by_jacobian else 0)
         if policy.end is not None:
@@ -146,15 +145,14 @@ class _Descent:
         """Go where one iteration leads. Return why the stage ends there, None where it goes on.
 
         Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
-        steps gain most of what they promise; a Jacobian made near enough is exact. Columns of effects that the data do
-        not need where the fit stands are as old as the first Jacobian, unless a step gains nothing.
+        steps gain most of what they promise. Columns of effects that the data do not need where the fit stands are as
+        old as the first Jacobian, unless a step gains nothing.
         """
-        state, problem = self.state, self.problem
-        exact = self.exact > 0 or self._length(state.x - self.made) < constants.NEAR
+        state, problem, exact = self.state, self.problem, self.exact > 0
         step, normal = step_to_minimum(state, problem.vector, self.inputs, damping=self.damping, far=stage.far)
         linear = state.after(step)
         promised = -self._loss(linear, normal)
-        longest = self._length(step)
+        longest = float(np.abs(step / problem.vector.scale).max())
         if longest < LARGEST * (1 - 1e-9) and linear.misfit.rms > self.policy.hopeless:
             return "hopeless"
         enough = max(stage.least, stage.least_each * len(step), stage.least_share * float(normal.frames.sum()))
@@ -177,11 +175,7 @@ class _Descent:
             fresh = _needed_columns(problem.vector, state.x, step, normal) if needed_alone else np.arange(len(step))
             along = directions(normal, problem.vector)
             self.state, self.exact = problem.linearise(there, along, state.jacobian, fresh), len(fresh)
-            self.made = there.x
         return None
-
-    def _length(self, step: Array) -> float:
-        return float(np.abs(step / self.problem.vector.scale).max())
 
     def _best_length(self, step: Array, normal: Normal, promised: float, enough: float) -> tuple[Evaluation, float]:
         """Return where the best length of a step leads, and what it gains. The whole and half of it are tried at once,

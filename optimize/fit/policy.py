@@ -11,7 +11,6 @@ STEP = 0.03  # of a logarithm, in the first finite differences: its noise is a t
 ITERATIONS = 20  # at most, of a stage; those that converge take 3 to 9
 PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 LENGTHS, OTHER_LENGTHS = (1.0, 0.5), (2.0, 0.25)  # of a step
-NEAR = 0.05  # of a logarithm: where a Jacobian made no farther away is a twentieth off, a twentieth of a deviation
 GOOD = 0.9  # of the gain that a step promised: where it gains that, and no more by as much, no other length is tried
 WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
 LITTLE = NEEDED / 4  # of log likelihood: an effect that costs less to drop keeps its former column
