@@ -16,6 +16,7 @@ from fabdesign.nouns.forward import Case
 from sim.equilibrium import damped, is_free, swings_to_rest
 from sim.forces.added import AddedForce
 from sim.forces.contact import Touching
+from sim.forces.lead import LEAD
 from sim.grid import Support
 from sim.kernels.fields import LANES
 from sim.loading import load
@@ -104,11 +105,14 @@ def laid(chunk: Chunk, n: int, self_contact: bool) -> Batch:
     support = Support.of(first.design.fabric)
     points = load(chunk.lanes, n, support=support, blocks=BLOCKS)
     touching = Touching(chunk.cases, chunk.packed, n) if self_contact else None
-    added: tuple[AddedForce, ...] = ()
-    if has_added_force(first):  # those of all effects: one kernel serves them all, and values make them zero
-        added = tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))
+    added = every_force() if has_added_force(first) else ()
     smoothing = _smoothing(first.design.fabric, n)
     return Batch(len(chunk.packed) // LANES, n, n, points, support, smoothing, touching, added)
+
+
+def every_force() -> tuple[AddedForce, ...]:
+    """Return the forces of all effects, and of what leads: one kernel serves them all, and values make them zero."""
+    return (*dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None), LEAD)
 
 
 def has_added_force(case: Case) -> bool:

@@ -46,7 +46,8 @@ class OnCluster:
         columns. Raises SimulationError where a batch killed two workers."""
         if not cases:
             return []
-        parts = batches(cases, None if columns else times, workers=self.cluster.workers, threads=self.cluster.threads)
+        instants = times if times is not None and all(isinstance(each, np.ndarray) for each in times) else None
+        parts = batches(cases, instants, workers=self.cluster.workers, threads=self.cluster.threads)
         tasks = [
             (
                 self.model,

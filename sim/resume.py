@@ -7,6 +7,7 @@ import numpy as np
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
+from fabdesign.nouns.lead import Way
 from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
 from sim.kernels.fields import LANES, lock
@@ -52,7 +53,7 @@ def go_on(
     with lock:
         for chunk in chunks_of(cases, simulator.points_per_side, {i: one.pattern for i, one in steps.items()}):
             batch = _resumed(simulator, chunk, [states[i] for i in chunk.places])
-            motions |= simulator.moved(batch, chunk, steps, times)
+            motions |= simulator.moved(batch, chunk, steps, [Way(each) for each in times])
     return [motions[i] for i in range(len(cases))]
 
 

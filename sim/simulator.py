@@ -14,11 +14,13 @@ from fabdesign.effects.declaration import ActingPressure
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Balance, Column, Course, FacesJacobian, move
 from fabdesign.nouns.forward import Case
+from fabdesign.nouns.lead import Way
 from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import require_motion
 from sim import equilibrium
-from sim.chunks import Chunk, chunks_of, has_added_force, laid
+from sim.chunks import Chunk, chunks_of, every_force, has_added_force, laid
 from sim.equilibrium import Approach
+from sim.forces.lead import leading
 from sim.kernels.fields import F, lock
 from sim.kernels.transfer import put
 from sim.loading import constants_of
@@ -30,7 +32,7 @@ from sim.step import Solve, advance
 from sim.tangent.explicit import LaneColumns, MovedCases
 from sim.tangent.motion import balance_of, pressures_until, solve_in_motion
 from sim.tangent.shapes import Jacobian, Share, Solved, completed, faces_changes, share_out, solve_at_rest, together
-from sim.time_steps import Jumps, Steps, jumps_of, steps_of
+from sim.time_steps import Jumps, Steps, jumps_of, steps_of, ticks_until
 
 Solves = Callable[[Chunk, list[Share]], list[Solved]]
 
@@ -78,14 +80,19 @@ class Simulator(Settings):
         self._require_room(cases, times)
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("run", cases, times)
+        return self.led(cases, [Way(np.asarray(t, dtype=float)) for t in times])
+
+    def led(self, cases: Sequence[Case], ways: Sequence[Way]) -> list[SimulatedMotion]:
+        """Return the same motions, led where a way has a lead (fabdesign/nouns/lead.py)."""
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).ask("led", cases, ways)
         motions = dict[int, SimulatedMotion]()
-        wanted = [np.asarray(t, dtype=float) for t in times]
         with lock:
             for engine, approach, asked in self.tries(motions, len(cases)):
-                steps = {i: engine.steps(cases[i], wanted[i]) for i in asked}
+                steps = {i: engine.steps(cases[i], ways[i].times) for i in asked}
                 for chunk in chunks_of(cases, self.points_per_side, {i: one.pattern for i, one in steps.items()}):
                     batch, still = engine.started(chunk, approach)
-                    moved = engine.moved(batch, chunk, steps, wanted)
+                    moved = engine.moved(batch, chunk, steps, ways)
                     for k, (i, motion) in enumerate(moved.items()):
                         lost = still is not None and not still[chunk.packed.index(k)]
                         motions[i] = replace(motion, diverged=(0.0, (0, 0))) if lost else motion
@@ -108,17 +115,22 @@ class Simulator(Settings):
         return batch, equilibrium.rested(batch) if start is equilibrium.Start.CHECKED else None
 
     def moved(
-        self, batch: Batch, chunk: Chunk, steps: Mapping[int, Steps], times: Sequence[Array]
+        self, batch: Batch, chunk: Chunk, steps: Mapping[int, Steps], ways: Sequence[Way]
     ) -> dict[int, SimulatedMotion]:
-        """Return the motions of a chunk that lies in the fields, by the places of its cases. steps, times: of all
+        """Return the motions of a chunk that lies in the fields, by the places of its cases. steps, ways: of all
         cases."""
         n, wanted = self.points_per_side, [steps[i] for i in chunk.places]
         schedule, begins = of_motions(batch, chunk.packed, wanted, tick=self.time_step, rho=self.rho)
-        shapes, states = advance(batch, schedule, self.solve(batch), frames=int(begins[-1]))
+        leads, before = [ways[i].lead for i in chunk.places], None
+        if any(leads):
+            batch = replace(batch, added=every_force())
+            instants = [one.evaluated(self.time_step, self.rho) for one in wanted]
+            before = leading(batch.grid, chunk.packed, leads, instants)
+        shapes, states = advance(batch, schedule, self.solve(batch), frames=int(begins[-1]), before=before)
         motions = {}
         for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
             frames = slice(begins[k], begins[k + 1])
-            motions[i] = motion_of(case, times[i], shapes[frames].reshape(-1, n, n, 3), states[frames])
+            motions[i] = motion_of(case, ways[i].times, shapes[frames].reshape(-1, n, n, 3), states[frames])
         return motions
 
     def tries(
@@ -137,7 +149,7 @@ class Simulator(Settings):
 
     def acting(self, case: Case, times: Array) -> ActingPressure:
         """Return the pressures that act until the last of `times` [s]."""
-        return acting_pressure(case, _ticks(times, self.time_step), self.time_step)
+        return acting_pressure(case, ticks_until(times, self.time_step), self.time_step)
 
     def jumps(self, case: Case, acting: ActingPressure) -> Jumps:
         """Return the jumps of the pressures that act in a case."""
@@ -145,7 +157,7 @@ class Simulator(Settings):
 
     def steps_under(self, acting: ActingPressure, times: Array, jumps: Jumps, *, begin: int = 0) -> Steps:
         """Return the steps of a motion under pressures that act at least until the last of `times` [s]."""
-        until = replace(acting, ticks=_ticks(times, self.time_step))
+        until = replace(acting, ticks=ticks_until(times, self.time_step))
         return steps_of(until, times, jumps, calm=self.calm, begin=begin)
 
     def _require_room(self, cases: Sequence[Case], times: Sequence[Array]) -> None:
@@ -281,11 +293,6 @@ class Simulator(Settings):
 
     def _at_rest_pressure(self, case: Case) -> Array:
         return equilibrium.pressure_at_rest(case, self.rise, self.hold)
-
-
-def _ticks(times: Array, tick: float) -> int:
-    """Return ticks until the last of `times` [s]."""
-    return max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
 
 
 def _has_tangent(case: Case) -> bool:

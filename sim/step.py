@@ -12,6 +12,7 @@ then is, a force, acts in the next step: errors of the solve cancel instead of a
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,16 +49,19 @@ class Solve:
 
 
 def advance(
-    batch: Batch, schedule: Schedule, solve: Solve, *, frames: int = 0
+    batch: Batch, schedule: Schedule, solve: Solve, *, frames: int = 0, before: Callable[[int], None] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Advance all lanes by the steps of `schedule`. Returns its `frames` frames: (frames, nu nv, 3) m, mid-surface, and
-    (frames, points, 2), contraction and tension [N] of every interval."""
+    (frames, points, 2), contraction and tension [N] of every interval. before: called before each step, with its
+    number."""
     shapes = np.full((max(frames, 1), batch.nu * batch.nv, 3), np.nan, np.float32)
     states = np.zeros((max(frames, 1), max(batch.points, 1), 2), np.float32)
     kernel = _advance(solve.added)
     steps = len(schedule.work)
-    at_once = 1 if batch.touching else AT_ONCE
+    at_once = 1 if batch.touching or before else AT_ONCE
     for begin in range(0, steps, at_once):
+        if before:
+            before(begin)
         part = schedule.part(begin, min(begin + at_once, steps))
         if batch.touching:
             batch.touching.refresh(batch.blocks, part.scheme[0, :, H].ravel())

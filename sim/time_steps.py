@@ -118,6 +118,15 @@ class Steps:
     # end [s], number of steps, jumps, begin: motions alike in it ride together, others beside those with as many steps
     pattern: tuple[float, int, tuple[int, ...], tuple[int, ...], int]
 
+    def evaluated(self, tick: float, rho: float) -> Array:
+        """Return (S,) s after the first begins, at which they are evaluated. tick: s; rho: of generalised-alpha."""
+        return np.asarray(tick * (np.cumsum(self.ticks) - np.where(self.jumps, 0.5, rho / (rho + 1)) * self.ticks))
+
+
+def ticks_until(times: Array, tick: float) -> int:
+    """Return ticks until the last of `times` [s]."""
+    return max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
+
 
 def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int, begin: int = 0) -> Steps:
     """Return the steps of whole ticks of `acting`, `calm` ticks far from jumps, from tick `begin` to its end; frames at

@@ -141,6 +141,3 @@ class Course(NamedTuple):
     time: Array
     middle: Floats
     instants: Sequence[Instant]
-
-
-Balances = Callable[[Sequence[Case], Sequence[Course], Sequence[Column]], list[list[Balance]]]

@@ -47,6 +47,7 @@ class Instant:
     moved: Array  # m, from this frame's mid-surface
     moved_velocity: Array  # m/s, how these change
     moved_acceleration: Array  # m/s^2
+    pull: Array | float = 0.0  # (n, n, 3) m/s^2, of what leads the motion
 
 
 class ForwardModel(Protocol):

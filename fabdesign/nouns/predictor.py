@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.geometry.shape import Shape, Sheet, sheets_of
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.column import Balances, Column, FacesJacobian, Jacobians, move
+from fabdesign.nouns.column import Column, FacesJacobian, Jacobians, move
 from fabdesign.nouns.forward import Case, Corrector, ForwardModel, with_history
+from fabdesign.nouns.lead import Balancer
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -104,11 +105,11 @@ class Predictor:
         return FacesJacobian(points, slopes, simulated.exact)
 
     @property
-    def balances(self) -> Balances | None:
-        """Return how frames of motions change where forces balance; None where the simulator does not offer it, or a
-        corrector adds what no force does."""
-        bare: Balances | None = getattr(self.simulator, "balances", None)
-        return None if self.corrector is not None else bare
+    def balancer(self) -> Balancer | None:
+        """Return the engine of frames in balance; None where the simulator is none, or a corrector adds what no force
+        does."""
+        is_one = self.corrector is None and hasattr(self.simulator, "balances")
+        return cast(Balancer, self.simulator) if is_one else None
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
         """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds. The

@@ -1,11 +1,11 @@
 """Frames of motions in balance: near which unknowns the fit of motions begins, without horizons and false minima.
 
-A frame of a motion is in balance, with its inertia and damping (d'Alembert). Of the displacement from the model's own
+A frame of a motion is in balance, with its inertia and damping (d'Alembert). Of the displacement from the model's
 motion to the measured cloth, velocity and acceleration are seen in the frames around it; the rest is what the unknowns
 change in the forces, by their tangent (`sim.tangent.motion`): equation error in system identification, the virtual
-fields method in mechanics. No course of a motion links the frames: one where the model's cloth has buckled to another
-side than the measured one takes little part, and leads no other astray. What noise does to accelerations is no residual
-of the model, so intervals and verdicts come from motions alone.
+fields method in mechanics. From the second step on the cloth seen leads the motion by known forces (`nouns.lead`), so
+that it buckles to the same side, and the displacement is small. What noise does to accelerations is no residual of the
+model, so intervals and verdicts come from motions alone.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,19 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import is_sensing, observed, seen_at, terms_of
 from fabdesign.effects.registry import EFFECTS, label_effect
 from fabdesign.files.trial_file import TrialData
-from fabdesign.geometry.shape import normals, sheets_of
+from fabdesign.geometry.shape import normals
 from fabdesign.nouns.array import Array, Floats, Indices
-from fabdesign.nouns.column import SPRINGS, Balances, Column, Course, Move, move
+from fabdesign.nouns.column import SPRINGS, Column, Course, Move, move
 from fabdesign.nouns.forward import Case, Instant
+from fabdesign.nouns.lead import Balancer, Lead, Way
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Match, Sample, derivatives, drawn, evenly, match, nodes_of
 from optimize.fit.descent import Progress, silent
-from optimize.fit.displacement import Unstrained, heights
-from optimize.fit.fitted import Fit, concluded
+from optimize.fit.displacement import Unstrained, heights, rms_of, savitzky_golay
+from optimize.fit.fitted import Ending, Fit, concluded
 from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
@@ -46,8 +47,10 @@ COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a mo
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
-SLIGHT = 0.05  # of a logarithm: motions mend a shorter step
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
+
+
+Leads = Sequence[Lead | None]  # a trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +87,11 @@ def frames_around(
 
 @dataclass(frozen=True, eq=False)
 class BalanceProblem(Problem):
-    """Frames of motions in balance. forward: whose simulator gives `balances`. noise: m, of a point."""
+    """Frames of motions in balance. forward: the model, of which `engine` is the simulator. noise: m, of a point."""
 
     frames: Sequence[FramesAround]
     forward: Predictor
-    balances: Balances
+    engine: Balancer
     vector: FitVector
     noise: float
 
@@ -96,38 +99,42 @@ class BalanceProblem(Problem):
     def samples(self) -> Sequence[Sample]:  # type: ignore[override]
         return [one.central for one in self.frames]
 
-    def at(self, x: Array) -> Linearisation:
-        """Return the residuals and their Jacobian at the unknowns x (p,), each frame by how well it is known."""
-        motions = self._motions([self.vector.case(one.sample.trial, x) for one in self.frames])
+    def at(self, x: Array, leads: Leads) -> tuple[Linearisation, Leads]:
+        """Return the residuals and their Jacobian at the unknowns x (p,), each frame by how well it is known; and the
+        cloths seen, as `leads` of motions at other unknowns, which then stay beside them."""
+        motions = self._motions([self.vector.case(one.sample.trial, x) for one in self.frames], leads)
         every = match([motion.frames.sample for motion in motions], [motion.points for motion in motions])
         rows = iter(frames_of(every)[1])
         side, sensed = motions[0].middle.shape[1], [self._columns[k] for k in self._sensed]
-        held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side), sensed) for motion in motions]
+        off = [heights(every, [next(rows) for _ in motion.middle], side) for motion in motions]
+        held = [motion.held(some, sensed) for motion, some in zip(motions, off, strict=True)]
         central = _central(every, self.frames)
         slopes = derivatives(central, nodes_of(central, side), self._changes(motions, [some for some, _ in held]))
         doubt = np.concatenate([uncertain for _, uncertain in held])
         counts = self.noise / np.hypot(self.noise, doubt[frames_of(central)[0]])
         residual = (central.residual + slopes[:, 0]) * counts
-        return Linearisation(x, replace(central, residual=residual), (), slopes[:, 1:] * counts[:, None])
+        there = Linearisation(x, replace(central, residual=residual), (), slopes[:, 1:] * counts[:, None])
+        return there, [motion.seen_cloth(some) for motion, some in zip(motions, off, strict=True)]
 
-    def _motions(self, cases: Sequence[Case]) -> list["_Motion"]:
+    def _motions(self, cases: Sequence[Case], leads: Leads) -> list["_Motion"]:
         """Return the model's motions at all frames, and at the instants around those in balance."""
-        modelled = [self.forward.case(case) for case in cases]
-        seen = [seen_at(case, one.sample.times) for case, one in zip(modelled, self.frames, strict=True)]
+        cases = [self.forward.case(case) for case in cases]
+        seen = [seen_at(case, one.sample.times) for case, one in zip(cases, self.frames, strict=True)]
         fine = [at[one.around[:, HALF], None] + INSTANTS for at, one in zip(seen, self.frames, strict=True)]
-        ways = [_course(case, float(some.max())) for case, some in zip(modelled, fine, strict=True)]
+        ways = [_course(case, float(some.max())) for case, some in zip(cases, fine, strict=True)]
         times = [np.unique(np.concatenate([at, *some, way])) for at, some, way in zip(seen, fine, ways, strict=True)]
-        sheets = sheets_of(replace(self.forward, sensing=False))(cases, times)
+        sheets = self.engine.led(cases, [Way(*way) for way in zip(times, leads, strict=True)])
         motions = []
-        for case, one, sheet, every, at, some in zip(modelled, self.frames, sheets, times, seen, fine, strict=True):
+        made = zip(cases, self.frames, sheets, times, seen, fine, leads, strict=True)
+        for case, one, sheet, every, at, some, lead in made:
             middle, frames = np.asarray(sheet.middle, dtype=float), np.searchsorted(every, at)
             points, around = observed(case, sheet.points[frames]), middle[np.searchsorted(every, some)]
-            motions.append(_Motion(case, one, at, middle[frames], points, around, (every, sheet.middle)))
+            motions.append(_Motion(case, one, at, middle[frames], points, around, (every, sheet.middle), lead))
         return motions
 
     @cached_property
     def _columns(self) -> list[Column]:
-        return [_column(self.vector, k) for k in range(len(self.vector.parameters))]
+        return [self.vector.column(k, STEP) for k in range(len(self.vector.parameters))]
 
     @cached_property
     def _sensed(self) -> Indices:
@@ -138,7 +145,7 @@ class BalanceProblem(Problem):
         """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion. held: its frames."""
         acting = np.setdiff1d(np.arange(len(self._columns)), self._sensed)
         courses = [Course(*motion.course, some) for motion, some in zip(motions, held, strict=True)]
-        balances = self.balances(
+        balances = self.engine.balances(
             [motion.case for motion in motions], courses, [self._columns[k] for k in acting.tolist()]
         )
         changes = []
@@ -157,7 +164,7 @@ class BalanceProblem(Problem):
 class _Motion:
     """A motion of the model beside a trial's frames. case: with the model. seen: (m,) s, the instants of the frames.
     middle: (m, n, n, 3) m there; points: (m, 2 k, 3) m of both faces, as sensors give them. around: (F, 5, n, n, 3) m,
-    at INSTANTS from each frame in balance. course: (T,) s and (T, n, n, 3) m, all of it."""
+    at INSTANTS from each frame in balance. course: (T,) s and (T, n, n, 3) m, all of it. lead: what led it."""
 
     case: Case
     frames: FramesAround
@@ -166,6 +173,13 @@ class _Motion:
     points: Floats
     around: Array
     course: tuple[Array, Floats]
+    lead: Lead | None
+
+    def seen_cloth(self, heights: Array) -> Lead | None:
+        """Return the cloth seen, as it leads a motion; None without two frames of it."""
+        middle = self.middle + heights[..., None] * normals(self.middle)
+        good = np.isfinite(middle).all(axis=(1, 2, 3))
+        return Lead(self.seen[good], middle[good]) if good.sum() > 1 else None
 
     def held(self, heights: Array, sensed: Sequence[Column]) -> tuple[list[Instant], Array]:
         """Return the frames in balance, with the displacements to the cloth seen and by a unit of each column of
@@ -176,15 +190,17 @@ class _Motion:
         for fine, places in zip(self.around, self.frames.around, strict=True):
             middle, time = fine[len(INSTANTS) // 2], self.seen[places]
             off, offsets = heights[places][..., None] * normals(self.middle[places]), time - time[HALF]
-            moved = [off[HALF], *_derivatives(offsets, off, 3)]
-            _, unsmoothed = _derivatives(offsets[HALF - 1 : HALF + 2], off[HALF - 1 : HALF + 2], 2)
-            doubt = np.hypot(_rms(moved[2] - unsmoothed) / SPRINGS, _rms(moved[0]) ** 2 / RADIUS)
-            fields = middle, *_derivatives(INSTANTS, fine, 3)
+            moved = [off[HALF], *savitzky_golay(offsets, off, 3)]
+            _, unsmoothed = savitzky_golay(offsets[HALF - 1 : HALF + 2], off[HALF - 1 : HALF + 2], 2)
+            doubt = np.hypot(rms_of(moved[2] - unsmoothed) / SPRINGS, rms_of(moved[0]) ** 2 / RADIUS)
+            fields = middle, *savitzky_golay(INSTANTS, fine, 3)
             if np.isfinite(doubt) and np.isfinite(fields).all():
                 moved = [*map(Unstrained(middle), moved)]
             elsewhere = [self._as_seen(change, fine, self.frames.sample.times[places[HALF]]) for change in moves]
-            every = [moved, *([one[len(INSTANTS) // 2], *_derivatives(INSTANTS, one, 3)] for one in elsewhere)]
-            held.append(Instant(time[HALF], *fields, *map(np.array, zip(*every, strict=True))))
+            every = [moved, *([one[len(INSTANTS) // 2], *savitzky_golay(INSTANTS, one, 3)] for one in elsewhere)]
+            pull = 0.0 if self.lead is None else self.lead.pull(time[HALF], *fields[:2], normals(middle[None])[0])
+            instant = Instant(time[HALF], *fields, *map(np.array, zip(*every, strict=True)))
+            held.append(replace(instant, pull=pull))
             uncertain.append(doubt)
         return held, np.array(uncertain)
 
@@ -201,18 +217,6 @@ def _course(case: Case, until: float) -> Array:
     """Return the instants [s] of a motion that muscles remember it by; none where no effect does."""
     remembers = any(EFFECTS[term.name].pulls_by_record for term in terms_of(case))
     return np.linspace(0.0, until, min(round(until / COURSE), MOST)) if remembers else np.zeros(0)
-
-
-def _derivatives(offsets: Array, values: Array, order: int) -> tuple[Array, Array]:
-    """Return the velocity and the acceleration, at 0, of a polynomial through `values` (k, ...) at `offsets` (k,) s
-    (Savitzky and Golay 1964)."""
-    scale = float(np.abs(offsets).max())
-    rows = np.linalg.pinv(np.vander(offsets / scale, order + 1, increasing=True))
-    return np.tensordot(rows[1] / scale, values, 1), np.tensordot(2 * rows[2] / scale**2, values, 1)
-
-
-def _rms(field: Array) -> float:
-    return float(np.sqrt(np.square(field).sum(axis=-1).mean()))
 
 
 def _central(every: Match, frames: Sequence[FramesAround]) -> Match:
@@ -232,35 +236,60 @@ def fit_balance(
     """Return where Gauss-Newton steps lead from the vector's start; None where no frame has a balance. No step is
     judged: the residuals of another place are of another motion, where other frames count. checkpoint: keeps where they
     led, by the name."""
-    if checkpoint is not None:
-        fresh: list[Fit | None] = []
+    fresh: list[_Reached | None] = []
 
-        def arrays() -> Arrays:
-            fresh.append(fit := fit_balance(problem, progress=progress))
-            return {"x": np.zeros(0) if fit is None else fit.x}
+    def arrays() -> Arrays:
+        fresh.append(there := _descended(problem, progress))
+        return {} if there is None else there.arrays
 
-        kept = checkpoint.arrays(f"fit_{named} {fingerprint(problem.vector, problem.samples)}", arrays)["x"]
-        if fresh or not len(kept):
-            return fresh[0] if fresh else None
-        return concluded(problem, problem.at(kept), None, np.nan, 0, "converged")
-    x, vector = problem.vector.start, problem.vector
-    state: Linearisation | None = None
-    for k in range(ITERATIONS):
-        there = problem.at(x)
-        if not (np.isfinite(there.misfit.residual) & np.isfinite(there.jacobian).all(axis=1)).any():
-            break
-        state = there
-        step, _ = step_to_minimum(state, vector)
-        promised = state.after(step).misfit.rms
-        progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
-        x = vector.inside(state.x + step)
-        longest = float(np.abs(step / vector.scale).max())
-        if longest < SLIGHT or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
-            break
-    if state is None:
+    name = f"fit_{named} {fingerprint(problem.vector, problem.samples)}"
+    kept = arrays() if checkpoint is None else checkpoint.arrays(name, arrays)
+    reached = fresh[0] if fresh else _Reached.of(kept, problem) if kept else None
+    if reached is None:
         return None
-    fit = concluded(problem, state, None, state.misfit.rms, k + 1, "converged" if k + 1 < ITERATIONS else "iterations")
+    ended: Ending = "converged" if reached.iterations < ITERATIONS else "iterations"
+    fit = concluded(problem, reached.state, None, reached.state.misfit.rms, reached.iterations, ended)
     return replace(fit, x=fit.minimum)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reached:
+    """Where the steps have led: the last place, and what led the motions there."""
+
+    state: Linearisation
+    leads: Leads
+    iterations: int
+
+    @property
+    def arrays(self) -> Arrays:
+        arrays = {"x": self.state.x, "iterations": np.array(self.iterations)}
+        for i, lead in enumerate(self.leads):
+            arrays |= {} if lead is None else {f"time_{i}": lead.time, f"middle_{i}": lead.middle}
+        return arrays
+
+    @staticmethod
+    def of(kept: Arrays, problem: BalanceProblem) -> "_Reached":
+        times = [kept.get(f"time_{i}") for i in range(len(problem.frames))]
+        leads = [None if time is None else Lead(time, kept[f"middle_{i}"]) for i, time in enumerate(times)]
+        return _Reached(problem.at(kept["x"], leads)[0], leads, int(kept["iterations"]))
+
+
+def _descended(problem: BalanceProblem, progress: Progress) -> _Reached | None:
+    x, vector = problem.vector.start, problem.vector
+    leads: Leads = [None] * len(problem.frames)
+    reached: _Reached | None = None
+    for k in range(1, ITERATIONS + 1):
+        state, seen = problem.at(x, leads)
+        if not (np.isfinite(state.misfit.residual) & np.isfinite(state.jacobian).all(axis=1)).any():
+            break
+        reached = _Reached(state, leads, k)
+        step, _ = step_to_minimum(state, vector)
+        progress(f"iteration {k}: {in_mm(state.misfit.rms):.3f} mm RMS", k / (k + 2))
+        x, leads = vector.inside(x + step), seen
+        little = state.after(step).misfit.rms > (1 - UNSURE.least_share) * state.misfit.rms
+        if float(np.abs(step / vector.scale).max()) < UNSURE.slight or (k > FAR_OFF and little):
+            break
+    return reached
 
 
 def acting_in_balance(vector: FitVector) -> FitVector:
@@ -269,30 +298,3 @@ def acting_in_balance(vector: FitVector) -> FitVector:
     effects = [EFFECTS[term.name] for term in vector.terms]
     acting = [effect.force is None or effect.pulls_by_record or not effect.named for effect in effects]
     return vector.only([label for label, acts in zip(vector.labels, acting, strict=True) if acts])[0]
-
-
-def _column(vector: FitVector, k: int) -> Column:
-    """Return an unknown of a vector as a column; a case's terms are the vector's, behind those that a model has."""
-    parameter = vector.parameters[k]
-    label, _, key = parameter.name.rpartition(".")
-    term = None if parameter.is_factor else vector.labels.index(label) - len(vector.terms)
-
-    def x_of(case: Case) -> float:
-        if term is None:
-            return parameter.unknown(case.factors.get(parameter.name, 1.0))
-        return parameter.unknown(case.effects[term].values[key])
-
-    def moved(case: Case, by: float) -> Case:
-        value = parameter.value(x_of(case) + by)
-        if term is None:
-            return replace(case, factors={**case.factors, parameter.name: value})
-        effects = [*case.effects]
-        effects[term] = replace(effects[term], values={**effects[term].values, key: value})
-        return replace(case, effects=tuple(effects))
-
-    def room(case: Case) -> tuple[float, float]:
-        low, high = parameter.limits
-        return low - x_of(case), high - x_of(case)
-
-    step = STEP * parameter.deviation
-    return Column(parameter.name, "1", step, step, moved, room, differences=False)

@@ -50,6 +50,19 @@ def _fitted(table: Array, height: Array) -> Array:
     return share
 
 
+def savitzky_golay(offsets: Array, values: Array, order: int) -> tuple[Array, Array]:
+    """Return the velocity and the acceleration, at 0, of a polynomial through `values` (k, ...) at `offsets` (k,) s
+    (Savitzky and Golay 1964)."""
+    scale = float(np.abs(offsets).max())
+    rows = np.linalg.pinv(np.vander(offsets / scale, order + 1, increasing=True))
+    return np.tensordot(rows[1] / scale, values, 1), np.tensordot(2 * rows[2] / scale**2, values, 1)
+
+
+def rms_of(field: Array) -> float:
+    """Return the RMS over a field (..., 3)."""
+    return float(np.sqrt(np.square(field).sum(axis=-1).mean()))
+
+
 class Unstrained:
     """Displacements of a mid-surface (n, n, 3) m that strain it least, of those along its normals."""
 

@@ -14,6 +14,7 @@ from scipy.special import chdtri
 
 from fabdesign.effects.registry import EFFECTS, label_effect, labels_of
 from fabdesign.nouns.array import Array
+from fabdesign.nouns.column import Column
 from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
 from fabdesign.nouns.trial import Trial
 
@@ -173,6 +174,33 @@ class FitVector:
 
     def case(self, trial: Trial, x: Array) -> Case:
         return Case(trial.design, trial.program, self.factors_at(x), self.terms_at(x), trial.order)
+
+    def column(self, k: int, step: float) -> Column:
+        """Return an unknown as a column, moved by a `step` of its prior's deviation; a case's terms are the vector's,
+        behind those that a model has."""
+        parameter = self.parameters[k]
+        label, _, key = parameter.name.rpartition(".")
+        term = None if parameter.is_factor else self.labels.index(label) - len(self.terms)
+
+        def x_of(case: Case) -> float:
+            if term is None:
+                return parameter.unknown(case.factors.get(parameter.name, 1.0))
+            return parameter.unknown(case.effects[term].values[key])
+
+        def moved(case: Case, by: float) -> Case:
+            value = parameter.value(x_of(case) + by)
+            if term is None:
+                return replace(case, factors={**case.factors, parameter.name: value})
+            effects = [*case.effects]
+            effects[term] = replace(effects[term], values={**effects[term].values, key: value})
+            return replace(case, effects=tuple(effects))
+
+        def room(case: Case) -> tuple[float, float]:
+            low, high = parameter.limits
+            return low - x_of(case), high - x_of(case)
+
+        size = step * parameter.deviation
+        return Column(parameter.name, "1", size, size, moved, room, differences=False)
 
     def steps(self, x: Array, rows: Array) -> Array:
         """Return (p, p) differences from x that stay within the limits: the rows, turned round where that keeps them

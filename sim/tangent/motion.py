@@ -3,7 +3,8 @@ was seen has of these beyond the motion's.
 
 With d from the motion's frame to the cloth seen, K d + C d' + M d'' = F dtheta to first order (d'Alembert; equation
 error in system identification). d' and d'' are seen; springs sigma M on both sides bound what noise in them does:
-(K + sigma M) d = F dtheta + M (sigma d - d'') - C d'.
+(K + sigma M) d = F dtheta + M (sigma d - d'') - C d'. A motion that is led is in balance with the known pull M g too,
+which the cloth seen is without: M (sigma d - d'' - g).
 """
 
 from collections.abc import Sequence
@@ -30,14 +31,15 @@ def solve_in_motion(
 ) -> list[Solved]:
     """Return the responses (k, n, n, 3) m of the lanes of a batch, each at an instant, as their middle, and the columns
     solved."""
-    state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
-    put(
-        batch.blocks,
-        {plane: ringed(np.array([getattr(one, name) for one in instants])) for plane, name in state.items()},
-    )
+    middle = ringed(np.array([one.middle for one in instants]))
+    velocity = ringed(np.array([one.velocity for one in instants]))
+    acceleration = ringed(np.array([one.acceleration - one.pull for one in instants]))
+    put(batch.blocks, {"x0": middle, "q": middle, "v0": velocity, "a0": acceleration})
     balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
     changes = balanced.changes()
     loads = [SPRINGS * one.moved - one.moved_acceleration for one in instants]
+    for one, load in zip(instants, loads, strict=True):
+        load[0] -= one.pull  # of the cloth seen alone: what sensors do is no force
     forces = [
         mass[:, None] * load.reshape(len(load), -1, 3) for mass, load in zip(balanced.host.masses, loads, strict=True)
     ]

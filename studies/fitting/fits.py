@@ -68,14 +68,14 @@ def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | N
     """Return the fit to frames in balance of what has a tangent of a vector, with next to no doubt of its own: it is
     near, not more. None without such frames, or a tangent of the engine."""
     forward = fits.coarse.forward
-    if not isinstance(forward, Predictor) or forward.balances is None:
+    if not isinstance(forward, Predictor) or forward.balancer is None:
         return None
     rng = np.random.default_rng(data.seed)
     every = [frames_around(trial, trial.load(), data.used_of(trial), rng) for trial in data.spread(BALANCED).trials]
     frames = [one for one in every if one is not None]
     if not frames:
         return None
-    problem = BalanceProblem(frames, forward, forward.balances, acting_in_balance(vector), data.noise.sigma)
+    problem = BalanceProblem(frames, forward, forward.balancer, acting_in_balance(vector), data.noise.sigma)
     named, progress = "in balance" if vector.terms else "factors in balance", fits.progress_of("", vector)
 
     def say(line: str, share: float) -> None:

@@ -33,7 +33,7 @@ from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.selection import select
 from studies.tracing.task import Task
 
-ALGORITHM = 31  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 32  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres

@@ -90,7 +90,9 @@ def test_a_known_truth_is_led_to_in_one_go(data, forward, vector, balanced):
     }
     for name, (value, near) in truth.items():
         assert abs(balanced.x[names.index(name)] - value) < near, name
-    assert (deviation < balanced.vector.prior).all()
+    creep = balanced.vector.part("muscle_creep")  # next to nothing, so that its time is not known
+    assert balanced.x[creep[0]] < 0.02 and (deviation <= balanced.vector.prior * (1 + 1e-9)).all()
+    assert (np.delete(deviation, creep[1:]) < np.delete(balanced.vector.prior, creep[1:])).all()
     problem = Fits(forward, 0.5e-3).problem(data, vector)
     sheet, *near = problem.evaluate([np.zeros(len(vector.names)), *starts_of(vector, balanced)])
     assert min(one.misfit.rms for one in near) < 1.3 * SIGMA < 0.1 * sheet.misfit.rms
@@ -157,17 +159,23 @@ def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, for
 
 
 def test_a_balance_is_kept(data, forward, vector, balanced):
-    """A resumed fit asks for one look at where it led, not for the steps."""
+    """A resumed fit asks for one look at where the steps led, with what led the motions, not for the steps."""
+    kept, said = {}, []
 
     class Kept:
         def arrays(self, name, compute):
             assert name == f"fit_in balance {fingerprint(acting_in_balance(vector), data.samples)}"
-            return {"x": balanced.x}
+            if name not in kept:
+                kept[name] = compute()
+            return kept[name]
 
-    said = []
     fits = Fits(forward, 0.5e-3, checkpoint=Kept(), progress_of=lambda named, vector: lambda *line: said.append(line))
+    first = fit_in_balance(data, fits, vector)
+    steps = len(said)
     again = fit_in_balance(data, fits, vector)
-    assert (again.x == balanced.x).all() and not said
+    assert 2 <= steps == len(said)
+    for one in (first, again):
+        assert (one.x == balanced.x).all() and (one.covariance == balanced.covariance).all()
 
 
 @pytest.fixture(scope="module")
