@@ -549,7 +549,8 @@ def test_several_effects_of_which_each_gains_enough_for_certain_are_fitted_toget
     assert not small
     gains = Judged(found, late[1].folds, late[1].noise.sigma).gains
     assert min(low for _, (low, _) in gains.values()) > 0.5e-3
-    assert {*said} == {"filling_lag supply_droop"}
+    least = min(gains, key=lambda label: gains[label][0])  # asked by a fit without it, which loses
+    assert {*said} == {"filling_lag supply_droop", *({"filling_lag", "supply_droop"} - {least})}
 
 
 @pytest.mark.parametrize(("tolerance", "last"), [(0.5e-3, "every effect beside it"), (-1e-6, "every effect")])
