@@ -10,7 +10,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import SPRINGS
 from fabdesign.nouns.lead import DAMPERS, Lead, share
 from sim.forces.added import AddedForce
-from sim.kernels.fields import F, indices
+from sim.kernels.fields import LANES, F, indices
 from sim.kernels.transfer import put
 from sim.kernels.vectors import sum3, thrice
 from sim.loading import by_blocks, ringed
@@ -21,13 +21,17 @@ AT_ONCE = 64  # steps, whose places are made together
 
 @ti.func
 def _pull(b, nu, nv, npt):
-    for j in range(nv):
-        for i in indices(nu):
-            k = (j + 1) * (nu + 2) + i + 1
-            normal = F.node3[b, F.n + k]
-            off = SPRINGS * (F.node3[b, F.lead + k] - F.node3[b, F.q + k]) - DAMPERS * F.node3[b, F.v + k]
-            along = F.node[b, F.led + k] * F.node[b, F.mass + k] * sum3(off * normal)
-            F.node3[b, F.f + k] += thrice(along) * normal
+    most = ti.f32(0.0)
+    for lane in indices(LANES):
+        most = ti.max(most, F.node[b, F.led + nu + 3][lane])  # of all nodes alike
+    if most > 0.0:
+        for j in range(nv):
+            for i in indices(nu):
+                k = (j + 1) * (nu + 2) + i + 1
+                normal = F.node3[b, F.n + k]
+                off = SPRINGS * (F.node3[b, F.lead + k] - F.node3[b, F.q + k]) - DAMPERS * F.node3[b, F.v + k]
+                along = F.node[b, F.led + k] * F.node[b, F.mass + k] * sum3(off * normal)
+                F.node3[b, F.f + k] += thrice(along) * normal
 
 
 LEAD = AddedForce(
