@@ -159,9 +159,8 @@ HELD: tuple[tuple[tuple[str, ...], bool], ...] = (
 )  # fmt: skip
 
 
-def _sized(effect: str, large: bool) -> dict[str, dict[str, float]]:
-    values, more = SIZES[effect]
-    return {effect: {**values, **more} if large else values}
+def _sized(effects: Sequence[str], large: bool) -> dict[str, dict[str, float]]:
+    return {effect: values | more if large else values for effect in effects for values, more in [SIZES[effect]]}
 
 
 def _rigs() -> Iterator[Rig]:
@@ -169,23 +168,21 @@ def _rigs() -> Iterator[Rig]:
     listed = [name for name in SIZES if name not in UNLISTED]
     for large in (True, False):
         for k, name in enumerate(listed):
-            yield Rig("one", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], 9200 + 2 * k + large, _sized(name, large))
+            yield Rig("one", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], 9200 + 2 * k + large, _sized([name], large))
     for k in range(NULLS):
         yield Rig("none", f"none_{k}", LAYOUTS[k % 4], 9012 + k)
     for k, names in enumerate(TOGETHER):
-        effects = {name: values for one in names for name, values in _sized(one, large=True).items()}
-        yield Rig("several", f"several_{k}", LAYOUTS[k % 4], 9300 + k, effects)
+        yield Rig("several", f"several_{k}", LAYOUTS[k % 4], 9300 + k, _sized(names, large=True))
     for k, name in enumerate(UNLISTED):
         for large in (True, False):
             seed = 9400 + 2 * k + large
-            yield Rig("outside", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], seed, _sized(name, large))
+            yield Rig("outside", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], seed, _sized([name], large))
     for k, name in enumerate(WITHHELD):
-        yield Rig("withheld", f"without_{name}", LAYOUTS[k % 4], 9500 + k, _sized(name, large=True))
+        yield Rig("withheld", f"without_{name}", LAYOUTS[k % 4], 9500 + k, _sized([name], large=True))
     for k, (name, drift) in enumerate(DRIFTS):
         yield Rig("drift", f"drift_{k}", LAYOUTS[k % 4], 9600 + k, {name: drift})
     for k, (names, large) in enumerate(HELD):
-        effects = {name: values for one in names for name, values in _sized(one, large).items()}
-        yield Rig("held", f"held_{k}", LAYOUTS[k % 4], 9700 + k, effects)
+        yield Rig("held", f"held_{k}", LAYOUTS[k % 4], 9700 + k, _sized(names, large))
 
 
 RIGS = tuple(_rigs())

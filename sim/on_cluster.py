@@ -30,7 +30,7 @@ class OnCluster:
     cluster: Cluster
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        return self.ask("motions", cases, times)
+        return self.ask("motions", cases, times, instants=times)
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         return self.ask("equilibria", cases)
@@ -39,14 +39,15 @@ class OnCluster:
         self,
         method: str,
         cases: Sequence[Case],
-        times: Sequence[Any] | None = None,
+        each: Sequence[Any] | None = None,
+        *,
         columns: Sequence[Column] | None = None,
+        instants: Sequence[Array] | None = None,
     ) -> list[Any]:
-        """Return what `method` of the model gives, a result for each case, at its own times or instants, by the same
-        columns. Raises SimulationError where a batch killed two workers."""
+        """Return what `method` of the model gives, a result for each case, of what goes with `each`, by the same
+        columns. instants: by which cases are alike. Raises SimulationError where a batch killed two workers."""
         if not cases:
             return []
-        instants = times if times is not None and all(isinstance(each, np.ndarray) for each in times) else None
         parts = batches(cases, instants, workers=self.cluster.workers, threads=self.cluster.threads)
         tasks = [
             (
@@ -54,7 +55,7 @@ class OnCluster:
                 method,
                 [cases[i] for i in part],
                 [
-                    *([] if times is None else [[times[i] for i in part]]),
+                    *([] if each is None else [[each[i] for i in part]]),
                     *([] if columns is None else [columns]),
                 ],
             )

@@ -77,15 +77,16 @@ class Simulator(Settings):
         """Return motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a
         free cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with
         half the steps and twice the iterations, from where a damped motion comes to rest."""
-        self._require_room(cases, times)
         if (cluster := current()) is not None:
-            return OnCluster(self, cluster).ask("run", cases, times)
+            self._require_room(cases, times)
+            return OnCluster(self, cluster).ask("run", cases, times, instants=times)
         return self.led(cases, [Way(np.asarray(t, dtype=float)) for t in times])
 
     def led(self, cases: Sequence[Case], ways: Sequence[Way]) -> list[SimulatedMotion]:
         """Return the same motions, led where a way has a lead (fabdesign/nouns/lead.py)."""
+        self._require_room(cases, times := [way.times for way in ways])
         if (cluster := current()) is not None:
-            return OnCluster(self, cluster).ask("led", cases, ways)
+            return OnCluster(self, cluster).ask("led", cases, ways, instants=times)
         motions = dict[int, SimulatedMotion]()
         with lock:
             for engine, approach, asked in self.tries(motions, len(cases)):
@@ -117,8 +118,7 @@ class Simulator(Settings):
     def moved(
         self, batch: Batch, chunk: Chunk, steps: Mapping[int, Steps], ways: Sequence[Way]
     ) -> dict[int, SimulatedMotion]:
-        """Return the motions of a chunk that lies in the fields, by the places of its cases. steps, ways: of all
-        cases."""
+        """Return the motions of a chunk in the fields, by the places of its cases. steps, ways: of all cases."""
         n, wanted = self.points_per_side, [steps[i] for i in chunk.places]
         schedule, begins = of_motions(batch, chunk.packed, wanted, tick=self.time_step, rho=self.rho)
         leads, before = [ways[i].lead for i in chunk.places], None
@@ -245,7 +245,7 @@ class Simulator(Settings):
         (sim/tangent/motion.py), at the instants of each case's course; NaN where no tangent is positive definite. A
         force that an effect adds is as the course has led to, and stays as it is."""
         if (cluster := current()) is not None:
-            return OnCluster(self, cluster).ask("balances", cases, courses, columns)
+            return OnCluster(self, cluster).ask("balances", cases, courses, columns=columns)
         frames = [(i, instant) for i, course in enumerate(courses) for instant in course.instants]
         until = max((instant.time for _, instant in frames), default=0.0)
         pressure = partial(pressures_until, until=until, tick=self.time_step)

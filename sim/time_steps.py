@@ -120,7 +120,9 @@ class Steps:
 
     def evaluated(self, tick: float, rho: float) -> Array:
         """Return (S,) s after the first begins, at which they are evaluated. tick: s; rho: of generalised-alpha."""
-        return np.asarray(tick * (np.cumsum(self.ticks) - np.where(self.jumps, 0.5, rho / (rho + 1)) * self.ticks))
+        rules = Integrator.GENERALISED_ALPHA, Integrator.MIDPOINT
+        before_end = np.array([Scheme(tick, rule, rho).coefficients[AF] for rule in rules])
+        return np.asarray(tick * (np.cumsum(self.ticks) - before_end[self.jumps.astype(int)] * self.ticks))
 
 
 def ticks_until(times: Array, tick: float) -> int:

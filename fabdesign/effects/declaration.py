@@ -256,5 +256,7 @@ class Effect:
 
     def is_off(self, given: Values) -> bool:
         """Return whether it changes nothing at these values."""
-        switches = ((given.get(name, p.typical), p.off) for name in self.strengths for p in [self.parameters[name]])
-        return bool(self.strengths) and all(value == off for value, off in switches)
+        parameters = self.parameters
+        return bool(self.strengths) and all(
+            given.get(name, parameters[name].typical) == parameters[name].off for name in self.strengths
+        )

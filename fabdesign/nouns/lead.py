@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -48,6 +48,7 @@ class Way(NamedTuple):
     lead: Lead | None = None
 
 
+@runtime_checkable
 class Balancer(Protocol):
     """An engine that leads motions, and says how frames of them change (docs/model.md)."""
 

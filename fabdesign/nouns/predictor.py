@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,8 +108,8 @@ class Predictor:
     def balancer(self) -> Balancer | None:
         """Return the engine of frames in balance; None where the simulator is none, or a corrector adds what no force
         does."""
-        is_one = self.corrector is None and hasattr(self.simulator, "balances")
-        return cast(Balancer, self.simulator) if is_one else None
+        engine = self.simulator
+        return engine if self.corrector is None and isinstance(engine, Balancer) else None
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
         """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds. The

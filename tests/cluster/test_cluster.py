@@ -18,6 +18,7 @@ from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns import column
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
+from fabdesign.nouns.lead import Lead, Way
 from fabdesign.runtime import cluster as machines
 from fabdesign.runtime.cluster import Cluster, current, on_cluster
 from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied
@@ -171,6 +172,8 @@ def test_the_simulator_asks_the_cluster(monkeypatch: pytest.MonkeyPatch) -> None
         "motions of 21", "run of 21", "rest of 21",
     ]  # fmt: skip
     assert simulator.faces_jacobian(some, []) == ["faces_jacobian of 21"] * 12
+    lead = Lead(np.array([0.0, 1.0]), np.zeros((2, 21, 21, 3)))
+    assert simulator.led(some, [Way(time, lead) for time in times]) == ["led of 21"] * 12
 
 
 def test_batches_fill_lanes() -> None:

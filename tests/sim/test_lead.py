@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fabdesign.errors import InputError
 from fabdesign.geometry.shape import normals
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.column import SPRINGS
@@ -54,6 +55,12 @@ def test_a_motion_led_along_its_own_stays_as_it_is(motions):
     led = SIMULATOR.led([CASE, OTHER, CASE], [*(Way(TIMES, track) for track in tracks), Way(TIMES)])
     assert apart(led[0].middle, own.middle).max() < 2e-4 and apart(led[1].middle, other.middle).max() < 2e-4
     assert apart(led[2].middle, own.middle).max() < 1e-4  # beside them, without a lead
+
+
+def test_a_motion_that_is_led_has_the_bounds_of_others():
+    for move in (SIMULATOR.run, lambda cases, times: SIMULATOR.led(cases, [*map(Way, times)])):
+        with pytest.raises(InputError, match=r"^a motion of 1e\+06 s; expected at most "):
+            move([CASE], [np.array([0.0, 1e6])])
 
 
 def test_a_motion_led_along_another_comes_near_it(motions):
