@@ -99,10 +99,10 @@ def arm(folder: Path) -> list[str]:
     lines = ["| pressure | displacement held | predicted from the others | error |", "|---|---|---|---|"]
     for hold in curve.holds[1:-1]:
         others = [r for r in bench.records if hold_of(r).pressure != hold.pressure]
-        found = float(StaticCurve.fit(others).displacement(hold.pressure))
+        displacement = float(StaticCurve.fit(others).displacement(hold.pressure))
         lines.append(
-            f"| {hold.pressure / 1e3:g} kPa | {1e3 * hold.level:.2f} mm | {1e3 * found:.2f} mm "
-            f"| {found / hold.level - 1:+.1%} |"
+            f"| {hold.pressure / 1e3:g} kPa | {1e3 * hold.level:.2f} mm | {1e3 * displacement:.2f} mm "
+            f"| {displacement / hold.level - 1:+.1%} |"
         )
     lines.append(
         f"\nThe arm creeps on: {curve.creep_per_decade:.0%} of the level per decade of time, mean of all holds."

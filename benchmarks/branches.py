@@ -23,21 +23,24 @@ from studies.prediction.stability import FAR, Branches, branches_of
 EVERY = 5  # frames
 
 
-def table(found: Sequence[Branches]) -> str:
+def table(branches: Sequence[Branches]) -> str:
     """Markdown, a row a design; mm."""
     rows = [
         "| design | trials | model alone, mm | nearest branch | over 3 mm | of those on another branch | odds there |"
     ]
     rows.append("|---|---|---|---|---|---|---|")
-    for name in dict.fromkeys(b.trial.design.name for b in found):
-        own = [b for b in found if b.trial.design.name == name]
-        far, elsewhere = [b for b in own if b.unchanged > FAR], [b for b in own if b.on_another_branch]
-        nearest = [b.nearest if b.on_another_branch else b.unchanged for b in own]
-        alone, near = (
-            in_mm(float(np.sqrt(np.mean(np.square(values))))) for values in ([b.unchanged for b in own], nearest)
+    for name in dict.fromkeys(b.trial.design.name for b in branches):
+        of_design = [b for b in branches if b.trial.design.name == name]
+        far, elsewhere = [b for b in of_design if b.unchanged > FAR], [b for b in of_design if b.on_another_branch]
+        nearest = [b.nearest if b.on_another_branch else b.unchanged for b in of_design]
+        alone_rms, nearest_rms = (
+            in_mm(float(np.sqrt(np.mean(np.square(values))))) for values in ([b.unchanged for b in of_design], nearest)
         )
         odds = f"{np.median([b.odds for b in elsewhere]):.2f}" if elsewhere else "-"
-        rows.append(f"| {name} | {len(own)} | {alone:.2f} | {near:.2f} | {len(far)} | {len(elsewhere)} | {odds} |")
+        rows.append(
+            f"| {name} | {len(of_design)} | {alone_rms:.2f} | {nearest_rms:.2f} "
+            f"| {len(far)} | {len(elsewhere)} | {odds} |"
+        )
     return "\n".join(rows)
 
 
@@ -50,9 +53,9 @@ def main() -> None:
     options = parser.parse_args()
     model = read_model(options.model).without(["corrector"])
     trials = [t for t in read_set(options.set).trials if not options.design or t.design.name in options.design]
-    found = list(branches_of(trials, Predictor(Simulator(options.grid), model, sensing=True), every=EVERY))
-    print(table(found))
-    for b in found:
+    branches = list(branches_of(trials, Predictor(Simulator(options.grid), model, sensing=True), every=EVERY))
+    print(table(branches))
+    for b in branches:
         if b.unchanged > FAR:
             print(
                 f"{b.trial.name} ({b.trial.design.name}): {in_mm(b.unchanged):.2f} mm, nearest {in_mm(b.nearest):.2f}"

@@ -57,8 +57,8 @@ def compute(some: Sequence[Case]) -> Run:
     from sim import Simulator
 
     wall, cpu = time.monotonic(), time.process_time()
-    found = Simulator(GRID).equilibria(some)
-    return found, time.monotonic() - wall, time.process_time() - cpu
+    points = Simulator(GRID).equilibria(some)
+    return points, time.monotonic() - wall, time.process_time() - cpu
 
 
 def _serve(some: Sequence[Case], asked: Connection) -> None:
@@ -143,9 +143,9 @@ def one_killed(some: Sequence[Case]) -> tuple[Any, float]:
     wait = compute(some)[1] / 3
     killer = multiprocessing.get_context("spawn").Process(target=_kill, args=(victim, wait))
     killer.start()
-    found, wall, _ = compute(some)
+    points, wall, _ = compute(some)
     killer.join()
-    return found, wall
+    return points, wall
 
 
 def _kill(victim: int, wait: float) -> None:

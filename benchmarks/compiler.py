@@ -59,9 +59,9 @@ def measure(row: str, folder: Path) -> dict[str, float]:
         cwd=ROOT, env=os.environ | ROWS[row] | {"TI_OFFLINE_CACHE_FILE_PATH": str(kept)},
         check=True, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
-    found = json.loads(out.stdout.splitlines()[-1])
-    print(row, found, file=sys.stderr, flush=True)
-    return found
+    seconds = json.loads(out.stdout.splitlines()[-1])
+    print(row, seconds, file=sys.stderr, flush=True)
+    return seconds
 
 
 def table(repeats: int) -> list[str]:

@@ -112,19 +112,19 @@ def _judged_of(trials: Sequence[Trial], motions: Mapping[str, Motion]) -> dict[s
 
 def corrected(model: Model) -> tuple[Callable[[Trial, Motion], Motion], bool]:
     """What makes a trial's corrected frames of its simulated motion, and whether their points are ordered."""
-    found = load_corrector(model)
+    corrector = load_corrector(model)
 
     def answer(trial: Trial, motion: Motion) -> Motion:
         times = trial.times[frames_of(trial)]
         have, _ = with_history(trial.times, HISTORY)
-        wanted, _ = with_history(times, found.history())
+        wanted, _ = with_history(times, corrector.history())
         row = np.abs(wanted[:, None] - have).argmin(axis=1)
         if np.abs(wanted - have[row]).max() > 1e-4:
             raise ValueError("trials whose frames are not 1/30 s apart")
         case = Case(trial.design, trial.program, model.factors, model.terms, trial.order)
-        return found.correct([case], [times], [motion[row]])[0]
+        return corrector.correct([case], [times], [motion[row]])[0]
 
-    return answer, found.ordered
+    return answer, corrector.ordered
 
 
 def judged_on(
@@ -150,15 +150,15 @@ def rows_of(
     designs = dict.fromkeys(trial.design_name for trial in asked)
     noises = {name: noise_of([t for t in asked if t.design_name == name]) for name in designs}
     for grid in dict.fromkeys(model.points_per_side for model in models.values()):
-        own = {name: model for name, model in models.items() if model.points_per_side == grid}
+        models_of_grid = {name: model for name, model in models.items() if model.points_per_side == grid}
         sheet = cache.of(asked, Model(points_per_side=grid))
         yield Row("data sheet", grid, _errors(asked, _judged_of(asked, sheet), noises))
-        plain = cache.of([*asked, *learned], next(iter(own.values())).before)
+        plain = cache.of([*asked, *learned], next(iter(models_of_grid.values())).before)
         alone = Row("factors alone", grid, _errors(asked, _judged_of(asked, plain), noises))
         yield alone
         for name, answers in _baselines(plain, asked, learned).items():
             yield Row(f"factors alone, {name}", grid, _errors(asked, answers, noises))
-        for name, model in own.items():
+        for name, model in models_of_grid.items():
             bare = cache.of(asked, model)
             if model.effects or model.corrector is None:
                 yield Row(name, grid, _errors(asked, _judged_of(asked, bare), noises))
@@ -176,15 +176,15 @@ def _errors(
     floors: Mapping[str, Errors] | None = None,
 ) -> dict[str, Errors]:
     """Of the trials that have an answer. floors: of unordered answers, errors whose Chamfer floor they have."""
-    found = {}
+    errors = {}
     for trial in (t for t in asked if t.name in answers):
         frames, answer = trial.load().frames, answers[trial.name]
         clouds = [frames[k] for k in frames_of(trial)]
         if floors is None:
-            found[trial.name] = trial_errors(clouds, answer, noises[trial.design_name], seed=trial.order)
+            errors[trial.name] = trial_errors(clouds, answer, noises[trial.design_name], seed=trial.order)
         else:
-            found[trial.name] = unordered_errors(clouds, answer, floors[trial.name].chamfer_floor)
-    return found
+            errors[trial.name] = unordered_errors(clouds, answer, floors[trial.name].chamfer_floor)
+    return errors
 
 
 def _baselines(
@@ -194,11 +194,11 @@ def _baselines(
     mean, nearest, last = dict[str, Motion](), dict[str, Motion](), dict[str, Motion]()
     for trial in asked:
         motion = plain[trial.name]
-        own = [t for t in learned if t.design_name == trial.design_name]
-        mean[trial.name] = moved(trial, motion, np.mean([fields[t.name] for t in own or learned], axis=0))
-        if own:
-            apart = [float(np.abs(t.program.pressure - trial.program.pressure).sum()) for t in own]
-            nearest[trial.name] = moved(trial, motion, fields[own[int(np.argmin(apart))].name])
+        of_design = [t for t in learned if t.design_name == trial.design_name]
+        mean[trial.name] = moved(trial, motion, np.mean([fields[t.name] for t in of_design or learned], axis=0))
+        if of_design:
+            apart = [float(np.abs(t.program.pressure - trial.program.pressure).sum()) for t in of_design]
+            nearest[trial.name] = moved(trial, motion, fields[of_design[int(np.argmin(apart))].name])
         last[trial.name] = moved(trial, motion, residuals(trial, motion, frames_of(trial) - 1))
     return {"mean residual field": mean, "nearest trial's residual": nearest, "last frame's residual": last}
 
@@ -208,7 +208,9 @@ def table(rows: Sequence[Row], asked: Sequence[Trial]) -> str:
     groups: dict[str, list[str]] = {}
     for trial in asked:
         groups.setdefault(f"*{trial.design_name}*" + " of role test" * (trial.role == "test"), []).append(trial.name)
-    head = " | ".join(f"{title}, {len(own)}: surface RMS | closed | worse | Chamfer" for title, own in groups.items())
+    head = " | ".join(
+        f"{title}, {len(names)}: surface RMS | closed | worse | Chamfer" for title, names in groups.items()
+    )
     lines = [f"| | points a side | {head} |", "|---" * (2 + 4 * len(groups)) + "|"]
     alone = {row.points_per_side: row for row in rows if row.name == "factors alone"}
     for row in rows:
@@ -232,11 +234,11 @@ def _cells(row: Row, alone: Row, names: Sequence[str]) -> list[str]:
     if not np.isfinite(mean.surface_rms):
         return ["", "", "", chamfer]
     share = closed(before, mean).surface
-    told = ["", ""]
+    comparison = ["", ""]
     if row is not alone and share is not None:
         worse = sum(row.errors[name].surface_rms > alone.errors[name].surface_rms for name in names)
-        told = [f"{100 * share:.0f} %", f"{worse}"]
-    return [f"{in_mm(mean.surface_rms):.2f}", *told, chamfer]
+        comparison = [f"{100 * share:.0f} %", f"{worse}"]
+    return [f"{in_mm(mean.surface_rms):.2f}", *comparison, chamfer]
 
 
 def main() -> None:

@@ -62,11 +62,11 @@ def make(seed: int, folder: Path) -> dict[str, float]:
     return factors
 
 
-def excess(found: Model, known: Model, measured: MeasurementSet, simulator: Simulator) -> list[float]:
+def excess(fitted: Model, known: Model, measured: MeasurementSet, simulator: Simulator) -> list[float]:
     """m, of the held-out trial over the floor, in quadrature: at the data sheet, with either model."""
     [trial] = [trial for trial in measured.trials if trial.role == "test"]
     clouds, noise = trial.load().frames, noise_of([trial])
-    cases = [Case(trial.design, trial.program, factors) for factors in ({}, found.factors, known.factors)]
+    cases = [Case(trial.design, trial.program, factors) for factors in ({}, fitted.factors, known.factors)]
     motions = simulator.motions(cases, [trial.times] * len(cases))
     errors = [trial_errors(clouds, motion, noise, seed=trial.order) for motion in motions]
     return [e.excess for e in errors]
@@ -80,16 +80,16 @@ def calibrated(seed: int, folder: Path, grid: int) -> dict[str, Any]:
     factors = make(seed, folder)
     measured = read_set(folder)
     slopes = Simulator(points_per_side=min(grid, POINTS_PER_SIDE))
-    found = calibrate_sets(measured, simulator, options=CalibrationOptions(slopes=slopes, points_per_side=grid))
+    calibration = calibrate_sets(measured, simulator, options=CalibrationOptions(slopes=slopes, points_per_side=grid))
     known = Model({name: Parameter(factor, (factor, factor)) for name, factor in factors.items()})
     return {
         "seed": seed,
         "layout": LAYOUTS[seed % len(LAYOUTS)][0],
         "truth": [float(np.log(factors[name])) for name in PARAMETERS],
-        "found": found.fit.x.tolist(),
-        "deviation": np.sqrt(np.diag(found.fit.covariance)).tolist(),
-        "excess": excess(found.model, known, measured, simulator),
-        "converged": found.fit.converged,
+        "found": calibration.fit.x.tolist(),
+        "deviation": np.sqrt(np.diag(calibration.fit.covariance)).tolist(),
+        "excess": excess(calibration.model, known, measured, simulator),
+        "converged": calibration.fit.converged,
         "seconds": time.perf_counter() - begin,
     }
 
@@ -121,8 +121,8 @@ def errors(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
 def engine_term(rows: list[dict[str, Any]]) -> np.ndarray:
     """(7,) what the errors' mean square has over the intervals' own variance, as a standard deviation; wider by what
     Student's quantile for so many sets is wider than the normal one."""
-    error, own = errors(rows)
-    beyond = (np.square(error) - np.square(own)).mean(axis=0) / np.square(data_share(own)).mean(axis=0)
+    error, deviation = errors(rows)
+    beyond = (np.square(error) - np.square(deviation)).mean(axis=0) / np.square(data_share(deviation)).mean(axis=0)
     return np.sqrt(np.maximum(beyond, 0.0)) * float(student.ppf(0.95, len(rows))) / NORMAL90
 
 
@@ -133,9 +133,9 @@ def held_out(over: np.ndarray) -> str:
 
 
 def page(rows: list[dict[str, Any]], extra: np.ndarray, grid: int) -> str:
-    error, own = errors(rows)
-    inside = np.abs(error) <= NORMAL90 * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
-    narrow = np.abs(error) <= NORMAL90 * own
+    error, deviation = errors(rows)
+    inside = np.abs(error) <= NORMAL90 * np.sqrt(deviation**2 + (data_share(deviation) * extra) ** 2)
+    narrow = np.abs(error) <= NORMAL90 * deviation
     over = 1e3 * np.array([r["excess"] for r in rows])
     total = f"{inside.sum()} of {inside.size}"
     option = "" if grid == GRID else f" --grid {grid}"
@@ -161,7 +161,12 @@ def page(rows: list[dict[str, Any]], extra: np.ndarray, grid: int) -> str:
         "|---|---|---|---|---|---|",
     ]
     for k, name in enumerate(PARAMETERS):
-        values = error[:, k].mean(), np.sqrt(np.mean(error[:, k] ** 2)), np.sqrt(np.mean(own[:, k] ** 2)), extra[k]
+        values = (
+            error[:, k].mean(),
+            np.sqrt(np.mean(error[:, k] ** 2)),
+            np.sqrt(np.mean(deviation[:, k] ** 2)),
+            extra[k],
+        )
         lines.append(
             f"| {name} | {inside[:, k].sum()} of {len(rows)} | " + " | ".join(f"{v:.3f}" for v in values) + " |"
         )

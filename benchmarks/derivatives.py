@@ -34,8 +34,8 @@ def cases() -> list[Case]:
     designs = [build("basic", muscles=4, fixed_point_pitch=pitch) for pitch in np.linspace(0.018, 0.025, 8)]
     kpa = random.integers(0, 31, (8, 4)) * 10.0
     return [
-        Case(design, PressureProgram(np.zeros(1), 1e3 * own[None], 1.5))
-        for design, own in zip(designs, kpa, strict=True)
+        Case(design, PressureProgram(np.zeros(1), 1e3 * row[None], 1.5))
+        for design, row in zip(designs, kpa, strict=True)
     ]
 
 
@@ -52,20 +52,20 @@ def columns() -> list[Column]:
 
 def ratios(points: int) -> tuple[float, list[float], int, int]:
     """CPU s of the eight shapes (median), a column's cost over a shape's by round, columns by the tangent, of all."""
-    simulator, own, directions = Simulator(points_per_side=points), cases(), columns()
-    spent, found = [], []
+    simulator, batch, directions = Simulator(points_per_side=points), cases(), columns()
+    spent, costs = [], []
     for k in range(ROUNDS + 1):
         begin = time.process_time()
-        simulator.rest(own)
+        simulator.rest(batch)
         middle = time.process_time()
-        jacobians = simulator.shape_jacobian(own, directions)
+        jacobians = simulator.shape_jacobian(batch, directions)
         end = time.process_time()
         if k:  # the first compiles
             spent.append(middle - begin)
             # the Jacobian finds the shapes too
-            found.append((end - middle - (middle - begin)) / len(directions) / (middle - begin))
+            costs.append((end - middle - (middle - begin)) / len(directions) / (middle - begin))
     exact = sum(int(one.exact.sum()) for one in jacobians)
-    return float(np.median(spent)), found, exact, len(own) * len(directions)
+    return float(np.median(spent)), costs, exact, len(batch) * len(directions)
 
 
 ON = (
@@ -85,8 +85,8 @@ def compared() -> list[Case]:
     pressures = random.uniform(0.0, 300e3, (8, 4))
     pressures[0, 0] = 0.0
     return cases() + [
-        replace(case, program=PressureProgram(np.zeros(1), own[None], 1.5), effects=ON)
-        for case, own in zip(cases(), pressures, strict=True)
+        replace(case, program=PressureProgram(np.zeros(1), row[None], 1.5), effects=ON)
+        for case, row in zip(cases(), pressures, strict=True)
     ]
 
 
@@ -94,15 +94,17 @@ def agreement() -> tuple[dict[str, list[float]], list[float], int]:
     """Return, of each kind of column, what the reference's balance of forces (tests/sim/derivatives_reference.py) lacks
     with the kernels' muscle law; of all columns of the last eight shapes the same with the smooth law; and how many
     columns the tangent gave."""
-    own, kinds_of_all, exact, smooth = compared(), kinds() + kinds_of_effects(), 0, list[float]()
+    batch, kinds_of_all, exact, smooth = compared(), kinds() + kinds_of_effects(), 0, list[float]()
     off: dict[str, list[float]] = {one.name: [] for one in kinds_of_all}
-    for case, found in zip(own, Simulator(points_per_side=COMPARED).shape_jacobian(own, kinds_of_all), strict=True):
-        exact += int(found.exact.sum())
-        lacks = lacking(case, kinds_of_all, found.middle, found.changes, smooth=not case.effects)
+    for case, jacobian in zip(
+        batch, Simulator(points_per_side=COMPARED).shape_jacobian(batch, kinds_of_all), strict=True
+    ):
+        exact += int(jacobian.exact.sum())
+        lacks = lacking(case, kinds_of_all, jacobian.middle, jacobian.changes, smooth=not case.effects)
         for one, value in zip(kinds_of_all, lacks, strict=True):
             off[one.name].append(float(value))
         if case.effects:
-            smooth += lacking(case, kinds_of_all, found.middle, found.changes).tolist()
+            smooth += lacking(case, kinds_of_all, jacobian.middle, jacobian.changes).tolist()
     return off, smooth, exact
 
 
@@ -119,13 +121,13 @@ def page(sizes: Sequence[int]) -> list[str]:
         "|---|---|---|---|---|",
     ]
     for points in sizes:
-        shapes, found, exact, total = ratios(points)
+        shapes, costs, exact, total = ratios(points)
         lines.append(
-            f"| {points} | {shapes:.2f} | {np.median(found):.3f} ({min(found):.3f} to {max(found):.3f}) | 0.050 "
+            f"| {points} | {shapes:.2f} | {np.median(costs):.3f} ({min(costs):.3f} to {max(costs):.3f}) | 0.050 "
             f"| {exact} of {total} |"
         )
-    found_off, smooth, by_tangent = agreement()
-    every = np.concatenate([*found_off.values()])
+    off_by_kind, smooth, by_tangent = agreement()
+    every = np.concatenate([*off_by_kind.values()])
     within = np.mean(every <= BOUND)
     lines += [
         "",
@@ -147,7 +149,7 @@ def page(sizes: Sequence[int]) -> list[str]:
     ]
     lines += [
         f"| {name} | {np.median(off[:8]):.1e} | {max(off[:8]):.1e} | {np.median(off[8:]):.1e} | {max(off[8:]):.1e} |"
-        for name, off in found_off.items()
+        for name, off in off_by_kind.items()
     ]
     return lines
 

@@ -88,22 +88,22 @@ def costs(names: Sequence[str]) -> dict[str, float]:
     terms = {"none": ()} | {name: (Term(name),) for name in names} | {"all": tuple(Term(name) for name in names)}
     spent: dict[str, list[float]] = {name: [] for name in terms}
     for k in range(4):
-        for name, own in terms.items():
-            cases = [Case(DESIGN, PULSE, {"bending": 1 + 0.01 * i}, own) for i in range(16)]
+        for name, effects in terms.items():
+            cases = [Case(DESIGN, PULSE, {"bending": 1 + 0.01 * i}, effects) for i in range(16)]
             begin = time.process_time()
             simulator.run(cases, [times] * len(cases))
             if k:  # the first compiles
                 spent[name].append(time.process_time() - begin)
-    return {name: min(found) for name, found in spent.items()}
+    return {name: min(seconds) for name, seconds in spent.items()}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/lab/effects.png"))
     signatures(parser.parse_args().output)
-    found = costs([name for name in BUILT_IN if EFFECTS[name].site != "sensing"])
-    for name, seconds in found.items():
-        print(f"| `{name}` | {seconds:.2f} | {seconds / found['none']:.2f} |")
+    cpu_seconds = costs([name for name in BUILT_IN if EFFECTS[name].site != "sensing"])
+    for name, seconds in cpu_seconds.items():
+        print(f"| `{name}` | {seconds:.2f} | {seconds / cpu_seconds['none']:.2f} |")
 
 
 if __name__ == "__main__":

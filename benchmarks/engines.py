@@ -33,22 +33,22 @@ class Keyed:
     name: str
     error: np.ndarray
     total: np.ndarray
-    own: np.ndarray
+    deviation: np.ndarray
 
     @staticmethod
     def read(model: Path, key: Path) -> "Keyed":
-        truth, found = true_factors(key), read_model(model)
-        ends = np.log([_interval(found, name) for name in PARAMETERS])
+        truth, fitted = true_factors(key), read_model(model)
+        ends = np.log([_interval(fitted, name) for name in PARAMETERS])
         total = np.ptp(ends, axis=1) / 2 / NORMAL90
-        own, engines = total, engine_difference()
+        deviation, engines = total, engine_difference()
         for _ in range(_ROUNDS):
-            taken = np.square(total) - np.square(data_share(own) * engines)
-            own = np.sqrt(np.maximum(taken, _SMALLEST**2))
-        return Keyed(key.parent.name, ends.mean(axis=1) - truth, total, own)
+            taken = np.square(total) - np.square(data_share(deviation) * engines)
+            deviation = np.sqrt(np.maximum(taken, _SMALLEST**2))
+        return Keyed(key.parent.name, ends.mean(axis=1) - truth, total, deviation)
 
     def inside(self, term: np.ndarray | None = None) -> int:
         """True factors inside the intervals as they are, or with another term of the engines (7,)."""
-        wide = self.total if term is None else np.hypot(self.own, data_share(self.own) * term)
+        wide = self.total if term is None else np.hypot(self.deviation, data_share(self.deviation) * term)
         return int((np.abs(self.error) <= NORMAL90 * wide).sum())
 
 
@@ -71,14 +71,16 @@ def true_factors(key: Path) -> np.ndarray:
 
 def term_of(sets: list[Keyed]) -> np.ndarray:
     """(7,) what the errors' mean square has over the intervals' own variance, as a standard deviation."""
-    beyond = np.mean([np.square(one.error) - np.square(one.own) for one in sets], axis=0)
-    return np.sqrt(np.maximum(beyond, 0.0) / np.mean([np.square(data_share(one.own)) for one in sets], axis=0))
+    beyond = np.mean([np.square(one.error) - np.square(one.deviation) for one in sets], axis=0)
+    return np.sqrt(np.maximum(beyond, 0.0) / np.mean([np.square(data_share(one.deviation)) for one in sets], axis=0))
 
 
 def write_column(engine: str, term: np.ndarray) -> None:
     """Replace an engine's column (7,) of standard deviations in the file."""
     columns = engine_columns() | {engine: dict(zip(PARAMETERS, np.round(term, 4).tolist(), strict=True))}
-    write_rows(FILE, ("parameter", *columns), [(name, *(own[name] for own in columns.values())) for name in PARAMETERS])
+    write_rows(
+        FILE, ("parameter", *columns), [(name, *(column[name] for column in columns.values())) for name in PARAMETERS]
+    )
 
 
 def main() -> None:

@@ -95,11 +95,11 @@ def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, flo
         trials = [t for t in measured.trials if t.role == "fit" and t.order in plan.orders]
         if plan.after:
             [first] = (one for one in PLANS if one.name == plan.after)
-            more = told(fitted(first, measured, work)[0], measured, trials, simulator)
+            more = informative_trials(fitted(first, measured, work)[0], measured, trials, simulator)
             print(f"{plan.name}: {', '.join(f'{t.name} of {t.design_name}' for t in more)}", flush=True)
             trials += more
             began = time.process_time()
-        found = calibrate_sets(
+        calibration = calibrate_sets(
             replace(measured, trials=tuple(trials)),
             simulator,
             vector=unknowns(plan, measured),
@@ -107,11 +107,13 @@ def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, flo
             options=CalibrationOptions(slopes=simulator, coarse=simulator, points_per_side=GRID, interruptible=True),
         )
         spent.write_text(f"{time.process_time() - began:.0f}")
-        write_model(found.model, file)
+        write_model(calibration.model, file)
     return read_model(file), float(spent.read_text())
 
 
-def told(model: Model, measured: MeasurementSet, trials: Sequence[Trial], forward: ForwardModel) -> list[Trial]:
+def informative_trials(
+    model: Model, measured: MeasurementSet, trials: Sequence[Trial], forward: ForwardModel
+) -> list[Trial]:
     """As many trials more as there are `trials`, which the model was fitted to, of those that tell most together."""
     taken = {trial.name for trial in [*trials, *judged_on(measured, [PLANS[0]])]}
     candidates = [t for t in measured.trials if t.role == "fit" and t.name not in taken]
@@ -120,7 +122,7 @@ def told(model: Model, measured: MeasurementSet, trials: Sequence[Trial], forwar
     shown = [CandidateMeasurement(t.name, t.design, t.program) for t in candidates]
     draws = Draws(model, candidates[0].design)
     gained = information(shown, draws, Predictor(forward, Model(), sensing=True))
-    known = {c.name: own for c, own in zip(shown, gained, strict=True) if np.isfinite(own).all()}
+    known = {c.name: matrix for c, matrix in zip(shown, gained, strict=True) if np.isfinite(matrix).all()}
     of_all = np.asarray(np.linalg.cholesky(sum(known.values()) + 1e-9 * np.eye(len(draws.names))).T, dtype=float)
     chosen = in_turn(of_all, known, len(trials))
     return [t for t in candidates if t.name in chosen]
@@ -155,15 +157,15 @@ def table(trials: Sequence[Trial], models: Mapping[str, tuple[Model, float]]) ->
     for name, (model, spent) in models.items():
         after = errors_of(trials, model)
         for design in dict.fromkeys(trial.design_name for trial in trials):
-            own = [k for k, trial in enumerate(trials) if trial.design_name == design]
-            means = [mean_errors([each[k] for k in own]) for each in (sheet, before, after)]
-            worse = sum(after[k].surface_rms > before[k].surface_rms for k in own)
+            indices = [k for k, trial in enumerate(trials) if trial.design_name == design]
+            means = [mean_errors([each[k] for k in indices]) for each in (sheet, before, after)]
+            worse = sum(after[k].surface_rms > before[k].surface_rms for k in indices)
             shown = " | ".join(f"{in_mm(e.surface_rms):.2f}" for e in means)
             share = closed(means[1], means[2]).surface
             lines.append(
                 f"| {name} | {len(model.provenance.fitted)} | {spent:.0f} | {design} | {shown} "
                 f"| {in_mm(means[2].surface_floor):.2f} | {'' if share is None else f'{share:.0%}'} "
-                f"| {worse} of {len(own)} |"
+                f"| {worse} of {len(indices)} |"
             )
         by_trial = ", ".join(_shown(*each) for each in zip(trials, before, after, strict=True))
         notes.append(f"{name}, by trial, factors alone to model: {by_trial}")
@@ -184,10 +186,10 @@ def main() -> None:
     measured = read_set(options.set)
     plans = [plan for plan in PLANS if not options.only or plan.name in options.only]
     parts = [f"Commit {commit()}."]
-    for own in ([p for p in plans if p.orders != TWELVE], [p for p in plans if p.orders == TWELVE]):
-        models = {plan.name: fitted(plan, measured, options.work) for plan in own}
+    for group in ([p for p in plans if p.orders != TWELVE], [p for p in plans if p.orders == TWELVE]):
+        models = {plan.name: fitted(plan, measured, options.work) for plan in group}
         if models:
-            parts.append(table(judged_on(measured, own), models))
+            parts.append(table(judged_on(measured, group), models))
     write_text(options.output, "\n\n".join(parts))
     print("\n\n".join(parts))
 

@@ -118,11 +118,11 @@ def followed(motion: Motion, folder: Path) -> dict[str, Any]:
     floor = rms(study, truth)
     first = Watch()
     result = run_follow(study, folder / motion.name, force=True, progress=first.heard)
-    own = rms(study, result.motion)
+    error = rms(study, result.motion)
     return {
-        "motion": motion.name, "seconds": motion.seconds, "floor": floor, "error": own, "ratio": own / floor,
+        "motion": motion.name, "seconds": motion.seconds, "floor": floor, "error": error, "ratio": error / floor,
         "from_rest": 1e3 * result.begun, "wall": first.wall(), "cpu": first.cpu(),
-        "first": first.first, "first_cpu": first.first_cpu, "first_error": first.error or own,
+        "first": first.first, "first_cpu": first.first_cpu, "first_error": first.error or error,
     }  # fmt: skip
 
 
@@ -169,7 +169,7 @@ def by_cma(motion: Motion, folder: Path, seconds: float) -> float:
 
     def program(x: Array) -> Array:
         rows = x.reshape(len(knots), regulator.channels) * regulator.highest
-        return regulator.kept(np.stack([np.interp(at, knots, own) for own in rows.T], axis=1))
+        return regulator.kept(np.stack([np.interp(at, knots, column) for column in rows.T], axis=1))
 
     size = len(knots) * regulator.channels
     options = {"bounds": [0, 1], "popsize": BATCH, "seed": 1, "verbose": -9}
@@ -179,7 +179,7 @@ def by_cma(motion: Motion, folder: Path, seconds: float) -> float:
         asked = [np.asarray(x) for x in search.ask()]
         cases = [Case(study.design, regulator.program(program(x))) for x in asked]
         motions = Simulator(GRID, time_step=QUICK).motions(cases, [wanted.times] * len(cases))
-        values = [1e3 * min(wanted.mean_distance(own), 1.0) for own in motions]
+        values = [1e3 * min(wanted.mean_distance(frames), 1.0) for frames in motions]
         if min(values) < least:
             best, least = asked[int(np.argmin(values))], min(values)
         search.tell(asked, values)
@@ -233,8 +233,8 @@ def both_ways(one: Array, other: Array) -> float:
     from scipy.spatial import cKDTree
 
     tree = cKDTree(other)
-    _, near = tree.query(one, k=8)
-    patch = other[near]
+    _, neighbours = tree.query(one, k=8)
+    patch = other[neighbours]
     middle = patch.mean(axis=1)
     normal = np.linalg.svd(patch - middle[:, None])[2][:, -1]
     height = np.abs(np.einsum("nd,nd->n", one - middle, normal))
@@ -248,7 +248,7 @@ def calibrated(rig: Rig, design: Design, place: Path) -> Model:
         return read_model(file)
     others = [Motion("waves", 1), Motion("steps", 1)]
     times: Array = CYCLE * np.arange(30.0)
-    programs = [PressureProgram(times, own.program(design.channels)[:30], 1.5) for own in others]
+    programs = [PressureProgram(times, motion.program(design.channels)[:30], 1.5) for motion in others]
     if not (place / "others" / "set.toml").is_file():
         measure(rig, programs, place / "others")
     vector = fit_vector(tuple(DEVICE), FIXED, where="bench")
@@ -267,9 +267,9 @@ _DEVICES = "| device, mm | data sheet | calibrated | after one | after two | aft
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """The tables."""
-    own = [row for row in rows if "motion" in row]
+    motions = [row for row in rows if "motion" in row]
     lines = [f"At {commit(PAGE)}, {processor()}.", "", _HEAD, "|---" * 10 + "|"]
-    for row in own:
+    for row in motions:
         cma = f"{row['cma']:.2f}" if "cma" in row else ""
         lines.append(
             f"| {row['motion']} | {row['seconds']:g} | {row['ratio']:.2f} | {row['error']:.3f} | {row['floor']:.3f} | "

@@ -149,7 +149,7 @@ def main() -> None:
 def page(work: Path) -> str:
     """Of all cases that are done."""
     rows, missing, commits = [], [], set()
-    left: dict[int, list[float]] = {turn: [] for turn in ASKED}  # by turn, of the excess of the first design
+    remaining: dict[int, list[float]] = {turn: [] for turn in ASKED}  # by turn, of the excess of the first design
     for number, case in enumerate(CASES):
         turns = _turns(work / str(number) / "out" / "pieces")
         if len(turns) < TURNS + 1:
@@ -164,16 +164,16 @@ def page(work: Path) -> str:
         change = "; ".join(f"{share - 1:+.0%}" for share in shares.values())
         if not case.network:
             for turn, share in shares.items():
-                left[turn].append(share)
+                remaining[turn].append(share)
         chamfers = ", ".join(f"{device['chamfer']:.2f}" for _, device, _ in turns)
         verdicts = "; ".join(_verdict(learned) for *_, learned in turns if learned)
         floor = turns[0][1]["chamfer_floor"]
         rows.append(f"| {case.name} | {' | '.join(cells)} | {change} | {chamfers} ({floor:.2f}) | {verdicts} |")
     medians = [
-        f"**{np.median(own) - 1:+.0%}** in the median of {len(own)} after {('one turn', 'two')[turn - 1]} (asked: "
-        f"{-ASKED[turn]:+.0%})"
-        for turn, own in left.items()
-        if own
+        f"**{np.median(fractions) - 1:+.0%}** in the median of {len(fractions)} after {('one turn', 'two')[turn - 1]} "
+        f"(asked: {-ASKED[turn]:+.0%})"
+        for turn, fractions in remaining.items()
+        if fractions
     ]
     return "\n".join(
         [
@@ -202,10 +202,10 @@ def _turns(pieces: Path) -> list[tuple[Any, Any, Any]]:
     turns = []
     for number in range(TURNS + 1):
         files = [pieces / f"turn_{number}_{name}.json" for name in ("choice", "device", "model")]
-        found = [json.loads(f.read_text(encoding="utf-8"))["found"] if f.is_file() else None for f in files]
-        if found[1] is None:
+        results = [json.loads(f.read_text(encoding="utf-8"))["found"] if f.is_file() else None for f in files]
+        if results[1] is None:
             break
-        turns.append((found[0], found[1], found[2]))
+        turns.append((results[0], results[1], results[2]))
     return turns
 
 

@@ -49,7 +49,7 @@ def errors_of(
     """Of each trial its design, and its errors before and after on the frames `away`."""
     motions = KeptMotions(forward, checkpoint, say, history=network.history()).of(trials)
     noise = noise_of([chosen.trial for chosen in trials])
-    found = []
+    errors = []
     for chosen, motion, kept_back in zip(trials, motions, away, strict=True):
         trial = chosen.trial
         kept = np.flatnonzero(chosen.used & kept_back & (trial.times >= network.starts))
@@ -59,26 +59,26 @@ def errors_of(
         simple = motion[_plain(trial.times, network)]
         answer = network.correct([chosen.case], [trial.times], [motion])[0]
         before = trial_errors(clouds, simple[kept], noise, seed=SEED + trial.order)
-        found.append((trial.design_name, before, unordered_errors(clouds, answer[kept], before.chamfer_floor)))
-    return found
+        errors.append((trial.design_name, before, unordered_errors(clouds, answer[kept], before.chamfer_floor)))
+    return errors
 
 
 def _plain(times: NDArray[np.float64], network: PaperCorrector) -> NDArray[np.intp]:
     return np.asarray(with_history(times, network.history())[1][0])
 
 
-def table(found: list[tuple[str, Errors, Errors]]) -> str:
+def table(errors: list[tuple[str, Errors, Errors]]) -> str:
     lines = [
         f"`python -m benchmarks.paper_split`, commit {commit()}; Chamfer in mm, frames kept back from the sixth on.",
         "",
         "| | trials | without corrector | paper, split by shuffled frames | floor |",
         "|---|---|---|---|---|",
     ]
-    for name in sorted({design for design, *_ in found}):
-        own = [(before, after) for design, before, after in found if design == name]
-        before, after = (mean_errors(list(each)) for each in zip(*own, strict=True))
+    for name in sorted({design for design, *_ in errors}):
+        of_design = [(before, after) for design, before, after in errors if design == name]
+        before, after = (mean_errors(list(each)) for each in zip(*of_design, strict=True))
         lines.append(
-            f"| *{name}* | {len(own)} | {1e3 * before.chamfer:.2f} | {1e3 * after.chamfer:.2f} "
+            f"| *{name}* | {len(of_design)} | {1e3 * before.chamfer:.2f} | {1e3 * after.chamfer:.2f} "
             f"| {1e3 * before.chamfer_floor:.2f} |"
         )
     return "\n".join([*lines, ""])
@@ -102,8 +102,8 @@ def main() -> None:
         plan = PaperTraining.here(SEED)
         checkpoint = Checkpoint(work, {"set": str(options.set), "model": base.central_hash, "plan": repr(plan)})
         weights, about = train_paper(shown, forward, plan, checkpoint, progress=say)
-        found = errors_of(trials, away, PaperCorrector.of(weights, about), forward, checkpoint)
-    text = table(found)
+        errors = errors_of(trials, away, PaperCorrector.of(weights, about), forward, checkpoint)
+    text = table(errors)
     write_text(options.output, text)
     print(text)
 

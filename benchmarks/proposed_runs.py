@@ -35,21 +35,23 @@ def traced(folder: Path, rig: Rig, measured: MeasurementSet, runs: int) -> dict[
         file.parent.parent.mkdir(parents=True, exist_ok=True)
         say = f"{rig.name} and {runs} runs"
         trace_set(measured, file.parent, inputs=[], say=lambda line: print(f"{say}: {line}", flush=True))
-    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    return found
+    trace: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return trace
 
 
-def with_run(folder: Path, rig: Rig, measured: MeasurementSet, found: dict[str, Any], runs: int) -> MeasurementSet:
+def with_run(folder: Path, rig: Rig, measured: MeasurementSet, trace: dict[str, Any], runs: int) -> MeasurementSet:
     """The set with the proposed run measured; kept."""
-    own, whole = folder / "runs" / f"{rig.name}_{runs}", folder / "sets" / f"{rig.name}_{runs}"
-    if not (whole / "set.toml").is_file():
-        told = found["next_experiment"]["program"]
-        pressure = from_kpa(np.array(told["pressure_kpa"]))
-        program = PressureProgram(np.array(told["time_s"]), pressure, float(told["duration_s"]))
-        measure(rig, [program], own)
-        (run,) = read_set(own).trials
-        write(whole, measured, [*trials(measured), NewTrial(f"run{runs}", rig.name, 100 + runs, "fit", run.load())])
-    return read_set(whole)
+    run_folder, set_folder = folder / "runs" / f"{rig.name}_{runs}", folder / "sets" / f"{rig.name}_{runs}"
+    if not (set_folder / "set.toml").is_file():
+        proposal = trace["next_experiment"]["program"]
+        pressure = from_kpa(np.array(proposal["pressure_kpa"]))
+        program = PressureProgram(np.array(proposal["time_s"]), pressure, float(proposal["duration_s"]))
+        measure(rig, [program], run_folder)
+        (run,) = read_set(run_folder).trials
+        write(
+            set_folder, measured, [*trials(measured), NewTrial(f"run{runs}", rig.name, 100 + runs, "fit", run.load())]
+        )
+    return read_set(set_folder)
 
 
 def trials(measured: MeasurementSet) -> list[NewTrial]:
@@ -62,9 +64,9 @@ def write(folder: Path, measured: MeasurementSet, several: list[NewTrial]) -> No
     write_set(folder, {design.name: design}, several, name=folder.name, description=measured.description)
 
 
-def settled(rig: Rig, found: dict[str, Any]) -> bool:
+def settled(rig: Rig, trace: dict[str, Any]) -> bool:
     """Whether it names what was put in, and no other."""
-    return [effect["name"] for effect in found["effects"]] == [rig.right] and not found["indistinguishable"]
+    return [effect["name"] for effect in trace["effects"]] == [rig.right] and not trace["indistinguishable"]
 
 
 def examined(folder: Path, rig: Rig) -> list[dict[str, Any]]:
@@ -74,29 +76,29 @@ def examined(folder: Path, rig: Rig) -> list[dict[str, Any]]:
         make(rig, made)
     measured = read_set(made)
     measured = replace(measured, trials=measured.trials[:FIRST])
-    found = [traced(folder, rig, measured, 0)]
-    while not settled(rig, found[-1]) and len(found) <= MOST and found[-1]["next_experiment"] is not None:
-        measured = with_run(folder, rig, measured, found[-1], len(found))
-        found.append(traced(folder, rig, measured, len(found)))
-    return found
+    traces = [traced(folder, rig, measured, 0)]
+    while not settled(rig, traces[-1]) and len(traces) <= MOST and traces[-1]["next_experiment"] is not None:
+        measured = with_run(folder, rig, measured, traces[-1], len(traces))
+        traces.append(traced(folder, rig, measured, len(traces)))
+    return traces
 
 
 def table(rows: dict[str, list[dict[str, Any]]]) -> str:
     lines = ["| set | put in | three trials | with one run | with two |", "|---|---|---|---|---|"]
     rigs = {rig.name: rig for rig in RIGS}
-    for name, found in rows.items():
-        cells = [_shown(one) for one in found] + [""] * (MOST + 1 - len(found))
+    for name, traces in rows.items():
+        cells = [_shown(one) for one in traces] + [""] * (MOST + 1 - len(traces))
         lines.append(f"| {name} | {rigs[name].put_in} | {' | '.join(cells)} |")
-    open_ones = {name: found for name, found in rows.items() if not settled(rigs[name], found[0])}
-    done = sum(settled(rigs[name], found[-1]) for name, found in open_ones.items())
+    open_ones = {name: traces for name, traces in rows.items() if not settled(rigs[name], traces[0])}
+    done = sum(settled(rigs[name], traces[-1]) for name, traces in open_ones.items())
     lines += ["", f"Undecided with three trials: {len(open_ones)} of {len(rows)}; settled by at most two runs: {done}."]
     return "\n".join([*lines, "", f"Commit {commit()}.", ""])
 
 
-def _shown(found: dict[str, Any]) -> str:
-    names = " + ".join(effect["name"] for effect in found["effects"]) or found["verdict"]
-    also = f", not told from {', '.join(found['indistinguishable'])}" if found["indistinguishable"] else ""
-    program = found["next_experiment"] and found["next_experiment"]["program"]["what"]
+def _shown(trace: dict[str, Any]) -> str:
+    names = " + ".join(effect["name"] for effect in trace["effects"]) or trace["verdict"]
+    also = f", not told from {', '.join(trace['indistinguishable'])}" if trace["indistinguishable"] else ""
+    program = trace["next_experiment"] and trace["next_experiment"]["program"]["what"]
     return f"{names}{also}" + (f"; proposed: {program}" if program else "")
 
 

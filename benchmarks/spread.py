@@ -57,12 +57,12 @@ def table(every: Sequence[RegionResiduals]) -> str:
     lines = ["| design | trials | width | inside (90 %) | mean width, mm | CRPS, mm |", "|---|---|---|---|---|---|"]
     by_way = widths(every)
     for design in [*sorted({one.design for one in every}), "all"]:
-        own = [k for k, one in enumerate(every) if design in (one.design, "all")]
-        residual = np.concatenate([every[k].residual for k in own])
+        indices = [k for k, one in enumerate(every) if design in (one.design, "all")]
+        residual = np.concatenate([every[k].residual for k in indices])
         for name, sigmas in by_way.items():
-            score = IntervalScore.of(residual, np.concatenate([sigmas[k] for k in own]))
+            score = IntervalScore.of(residual, np.concatenate([sigmas[k] for k in indices]))
             width, mean = in_mm(score.width), in_mm(score.crps)
-            lines.append(f"| {design} | {len(own)} | {name} | {score.inside:.0%} | {width:.2f} | {mean:.3f} |")
+            lines.append(f"| {design} | {len(indices)} | {name} | {score.inside:.0%} | {width:.2f} | {mean:.3f} |")
     return "\n".join(lines) + "\n"
 
 

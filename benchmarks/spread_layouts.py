@@ -73,14 +73,14 @@ def layout(number: int) -> Design:
 def programs(number: int, channels: int) -> list[PressureProgram]:
     rng = np.random.default_rng([number, 1])
     rows = rng.choice(LEVELS, (TRIALS, 2, channels))
-    return [PressureProgram(np.array([0.0, SECONDS / 2]), own, SECONDS) for own in rows]
+    return [PressureProgram(np.array([0.0, SECONDS / 2]), row, SECONDS) for row in rows]
 
 
 def measured_in(folder: Path) -> MeasurementSet:
     """The ten layouts in one session, measured where the folder has no set."""
     if not (folder / "set").is_dir():
         folder.mkdir(parents=True, exist_ok=True)
-        session = [(own, programs(k, own.channels)) for k, own in enumerate(map(layout, range(LAYOUTS)))]
+        session = [(design, programs(k, design.channels)) for k, design in enumerate(map(layout, range(LAYOUTS)))]
         run_rig(
             RigSession(session, TRUTH, resolution=RIG),
             folder / "set",
@@ -90,10 +90,10 @@ def measured_in(folder: Path) -> MeasurementSet:
     return read_set(folder / "set")
 
 
-def table(model: Model, own: Sequence[RegionResiduals], others: Sequence[RegionResiduals]) -> str:
-    """own: of the trials that the intervals are calibrated on, others: of the trials judged."""
+def table(model: Model, spared: Sequence[RegionResiduals], others: Sequence[RegionResiduals]) -> str:
+    """spared: of the trials that the intervals are calibrated on, others: of the trials judged."""
     assert model.spread is not None
-    spread, flat = model.spread, calibrated([constant(one) for one in own])
+    spread, flat = model.spread, calibrated([constant(one) for one in spared])
     lines = [
         "| layout | trials | 90 % interval from | inside | mean width, mm | CRPS, mm |",
         "|---|---|---|---|---|---|",
@@ -133,8 +133,8 @@ def main() -> None:
     known = [trial for trial in measured.trials if not odd(trial)]
     if not file.is_file():
         free = options.free.split(",") if options.free else []
-        own = replace(measured, trials=tuple(known))
-        calibrate([own], file, free=free, grid=GRID, progress=lambda line, share: print(line, flush=True))
+        fit_set = replace(measured, trials=tuple(known))
+        calibrate([fit_set], file, free=free, grid=GRID, progress=lambda line, share: print(line, flush=True))
     spent["calibrated"] = time.process_time() - began - sum(spent.values())
     model, simulator = read_model(file), Simulator(GRID)
     predictor, fitted = Predictor(simulator, model, sensing=True), set(model.provenance.fitted)

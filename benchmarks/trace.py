@@ -39,24 +39,24 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
     begin = time.process_time(), time.monotonic()
     with withheld(rig.withheld):
         outcome = trace_set(read_set(measured), out, inputs=[measured], say=lambda line: print(f"{rig.name}: {line}"))
-    found, evidence = outcome.to_json(), outcome.evidence
-    names = [effect["name"] for effect in found["effects"]]
-    is_right = rig.is_right(names, found["verdict"], found["indistinguishable"])
+    trace, evidence = outcome.to_json(), outcome.evidence
+    names = [effect["name"] for effect in trace["effects"]]
+    is_right = rig.is_right(names, trace["verdict"], trace["indistinguishable"])
     return {
         "rig": rig.name,
-        "answer": " + ".join(names) or found["verdict"],
-        "discovered": found["discovered"] and found["discovered"]["formula"],
+        "answer": " + ".join(names) or trace["verdict"],
+        "discovered": trace["discovered"] and trace["discovered"]["formula"],
         "follows": outcome.remains.follows,
         "drift": 1e3 * outcome.remains.drift,
-        "indistinguishable": found["indistinguishable"],
+        "indistinguishable": trace["indistinguishable"],
         "is_right": is_right,
         "wrong_names": [n for n in names if not is_right and n not in rig.right.split(" + ")],
-        "decoys": found["decoys"],
-        "below_tenth": found["weights"]["share_below_tenth"],
+        "decoys": trace["decoys"],
+        "below_tenth": trace["weights"]["share_below_tenth"],
         "factors": factors_inside(rig, outcome.model),
-        "before": found["error"]["before"]["held_out"],
-        "after": found["error"]["after"]["held_out"],
-        "floor": found["error"]["noise_floor"],
+        "before": trace["error"]["before"]["held_out"],
+        "after": trace["error"]["after"]["held_out"],
+        "floor": trace["error"]["noise_floor"],
         "excess_before": 1e3 * evidence.before,
         "excess_after": 1e3 * evidence.after,
         "cpu_s": time.process_time() - begin[0],
@@ -68,13 +68,13 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
 @contextmanager
 def withheld(name: str | None) -> Iterator[None]:
     """An effect that no fit is told of; what moves a cloth to see how stable it is still has it."""
-    whole = dict(EFFECTS)
+    effects = dict(EFFECTS)
     if name:
         EFFECTS[name] = replace(EFFECTS[name], named=False)
     try:
         yield
     finally:
-        EFFECTS.update(whole)
+        EFFECTS.update(effects)
 
 
 def factors_inside(rig: Rig, model: Model) -> int:
@@ -101,16 +101,16 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     """For people: counts by kind with Wilson's interval, then a row each of those run."""
     by_name = {row["rig"]: row for row in rows}
     lines = ["| sets with | run | right (90 %) | with a wrong name | decoys called missing |", "|---|---|---|---|---|"]
-    for kind, said in KINDS.items():
+    for kind, title in KINDS.items():
         every = [rig for rig in RIGS if rig.kind == kind]
-        lines.append(_counted(said, len(every), [by_name[rig.name] for rig in every if rig.name in by_name]))
+        lines.append(_counted(title, len(every), [by_name[rig.name] for rig in every if rig.name in by_name]))
     run = [(rig, by_name[rig.name]) for rig in RIGS if rig.name in by_name]
     lines += ["", *_by_size([row for rig, row in run if rig.kind == "one"])]
     factors = [row["factors"] for rig, row in run if rig.kind != "none" or row["is_right"]]
     lines += [f"True factors inside their 90 % intervals: {sum(factors)} of {7 * len(factors)}.", ""]
-    left = [row["excess_after"] / row["excess_before"] for _, row in run if row["is_right"] and row["decoys"]]
-    if left:
-        lines += [f"Excess that what was found leaves of trials left out: {np.median(left):.0%} in the median.", ""]
+    remains = [row["excess_after"] / row["excess_before"] for _, row in run if row["is_right"] and row["decoys"]]
+    if remains:
+        lines += [f"Excess that what was found leaves of trials left out: {np.median(remains):.0%} in the median.", ""]
     lines += [
         "| set | put in | answer | not told from | role test, before, after, floor [mm] | excess, before, after [mm] "
         "| factors inside, of 7 | CPU s, wall s | commit |",
@@ -119,11 +119,11 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join([*lines, *(_line(rig, row) for rig, row in run), "", f"{processor()}. Virtual rig.", ""])
 
 
-def _counted(said: str, count: int, rows: Sequence[dict[str, Any]]) -> str:
+def _counted(title: str, count: int, rows: Sequence[dict[str, Any]]) -> str:
     right, wrong = sum(r["is_right"] for r in rows), sum(bool(r["wrong_names"]) for r in rows)
     decoys = [r["decoys"] for r in rows if r["decoys"]]
     taken = f"{sum(d['taken'] for d in decoys)} of {sum(d['tried'] for d in decoys)}" if decoys else ""
-    return f"| {said} | {len(rows)} of {count} | {right} ({_between(right, len(rows))}) | {wrong} | {taken} |"
+    return f"| {title} | {len(rows)} of {count} | {right} ({_between(right, len(rows))}) | {wrong} | {taken} |"
 
 
 def _between(right: int, count: int) -> str:
@@ -135,12 +135,14 @@ def _by_size(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Of one effect, by the excess that the declared parameters leave without it."""
     lines = ["| one effect leaves, after the declared parameters were fitted | run | named | adequate | other |"]
     lines.append("|---" * 5 + "|")
-    for (least, said), most in zip(SIZES, [*(size for size, _ in SIZES[1:]), np.inf], strict=True):
-        own = [row for row in rows if least <= row["excess_before"] < most]
-        named = sum(row["is_right"] for row in own)
-        adequate = sum(row["answer"] == "adequate" for row in own)
-        between = f" ({_between(named, len(own))})" if own else ""
-        lines.append(f"| {said} | {len(own)} | {named}{between} | {adequate} | {len(own) - named - adequate} |")
+    for (least, title), most in zip(SIZES, [*(size for size, _ in SIZES[1:]), np.inf], strict=True):
+        of_size = [row for row in rows if least <= row["excess_before"] < most]
+        named = sum(row["is_right"] for row in of_size)
+        adequate = sum(row["answer"] == "adequate" for row in of_size)
+        between = f" ({_between(named, len(of_size))})" if of_size else ""
+        lines.append(
+            f"| {title} | {len(of_size)} | {named}{between} | {adequate} | {len(of_size) - named - adequate} |"
+        )
     return [*lines, ""]
 
 

@@ -74,8 +74,8 @@ class Rig:
     @property
     def put_in(self) -> str:
         """For people."""
-        told = [f"{e} ({', '.join(f'{name} {x:g}' for name, x in v.items())})" for e, v in self.effects.items()]
-        return ", ".join(told) or "nothing"
+        phrases = [f"{e} ({', '.join(f'{name} {x:g}' for name, x in v.items())})" for e, v in self.effects.items()]
+        return ", ".join(phrases) or "nothing"
 
     def is_right(self, names: Sequence[str], verdict: str, indistinguishable: Sequence[str]) -> bool:
         """Whether a trace's answer is: effects found, verdict, and names that it could not tell from the last."""
@@ -215,10 +215,15 @@ def drift(rig: Rig) -> Array:
 
 
 def measure(
-    rig: Rig, told: list[PressureProgram], folder: Path, *, test_trials: int = 0, workers: int | None = None
+    rig: Rig,
+    pressure_programs: list[PressureProgram],
+    folder: Path,
+    *,
+    test_trials: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Measure pressure programs on the virtual rig, into `folder`."""
-    run_rig(RigSession([(rig.design, told)], rig.truth, test_trials), folder, workers=workers, force=True)
+    run_rig(RigSession([(rig.design, pressure_programs)], rig.truth, test_trials), folder, workers=workers, force=True)
 
 
 def programs(channels: int, rng: np.random.Generator) -> list[PressureProgram]:

@@ -37,13 +37,13 @@ def imported_by(parsed: dict[Path, tuple[ast.Module, int]]) -> dict[str, set[str
     """Of each module, those that import it or a name of it."""
     users: dict[str, set[str]] = {module_of(file): set() for file in parsed}
     for file, (tree, _) in parsed.items():
-        own = module_of(file)
+        importer = module_of(file)
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and node.module:
                 named = [f"{node.module}.{alias.name}" for alias in node.names]
                 for module in (name if name in users else node.module for name in named):
-                    if module in users and module != own:
-                        users[module].add(own)
+                    if module in users and module != importer:
+                        users[module].add(importer)
     return users
 
 

@@ -127,16 +127,16 @@ def thresholds(of: str) -> str:
 def standing(each: Threshold) -> tuple[str, float]:
     """Return the file of a constant and its value. Raises ValueError where it stands nowhere, or in several files."""
     place = ROOT / each.place
-    found = []
+    constants = []
     for file in [place] if place.is_file() else sorted(place.glob("*.py")):
-        found += [
+        constants += [
             (file.relative_to(ROOT).as_posix(), ast.literal_eval(node.value))
             for node in ast.parse(file.read_text(encoding="utf-8")).body
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == each.name
         ]
-    if len(found) != 1:
-        raise ValueError(f"{each.place}: {len(found)} constants {each.name}; expected one")
-    return found[0]
+    if len(constants) != 1:
+        raise ValueError(f"{each.place}: {len(constants)} constants {each.name}; expected one")
+    return constants[0]
 
 
 def command_tables(_: str | None) -> str:
@@ -158,18 +158,18 @@ def _command(name: str, command: click.Command) -> str:
     records = (each.get_help_record(context) for each in command.params if isinstance(each, click.Option))
     rows = [record for record in records if record is not None]
     flags = [option.split(" ")[0] for option, _ in rows]
-    own = [row for row, flag in zip(rows, flags, strict=True) if flag not in SHARED]
+    option_rows = [row for row, flag in zip(rows, flags, strict=True) if flag not in SHARED]
     shared = [f"`{flag}`" for flag in SHARED if flag in flags]
     lines = [
         f"### {name}\n",
         f"{' '.join((command.help or '').split())}\n",
         f"```\n{f'fabdesign {name} {usage}'.strip()}\n```\n",
     ]
-    if own:
+    if option_rows:
         lines += [
             "| option | means |",
             "|---|---|",
-            *(f"| `{_cell(option)}` | {_cell(text)} |" for option, text in own),
+            *(f"| `{_cell(option)}` | {_cell(text)} |" for option, text in option_rows),
             "",
         ]
     return "\n".join([*lines, f"Also: {', '.join(shared)}.\n"])

@@ -55,8 +55,8 @@ def named_effects() -> Figure:
     counts = {}  # of the last column, what was reached; of several counts in it the whole one
     for row in (row for row in rows if len(row) == 5):
         for name in (name for begin, name in begins.items() if row[1].strip().startswith(begin)):
-            found = [(int(right), int(all_of)) for right, all_of in re.findall(r"(\d+) of (\d+)", row[3])]
-            counts[name] = max(found, key=lambda count: count[1]) if name.startswith("one") else found[0]
+            pairs = [(int(right), int(all_of)) for right, all_of in re.findall(r"(\d+) of (\d+)", row[3])]
+            counts[name] = max(pairs, key=lambda count: count[1]) if name.startswith("one") else pairs[0]
     assert len(counts) == len(begins)
     figure, axes = plt.subplots(figsize=(6.4, 2.6), layout="constrained")
     for k, (name, (right, all_of)) in enumerate(reversed(counts.items())):
@@ -69,15 +69,15 @@ def named_effects() -> Figure:
 
 def reached_targets() -> Figure:
     """Draw how near the search came to twelve targets, beside the noise floor (docs/lab/search.md)."""
-    found = re.findall(rf"^\| (\d\d_\d_\w+) \| {NUMBER} \| {NUMBER} \| (\d+) \| (\d+) \|", lab("search"), re.MULTILINE)
+    rows = re.findall(rf"^\| (\d\d_\d_\w+) \| {NUMBER} \| {NUMBER} \| (\d+) \| (\d+) \|", lab("search"), re.MULTILINE)
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-    for k, (name, reached, floor, muscles, truth) in enumerate(reversed(found)):
+    for k, (name, reached, floor, muscles, truth) in enumerate(reversed(rows)):
         axes.plot([float(floor), float(reached)], [k, k], color=FLOOR, linewidth=1)
         axes.plot(float(floor), k, "|", color=TARGET, markersize=11, markeredgewidth=2)
         axes.plot(float(reached), k, "o", color=FITTED)
         axes.text(5.35, k, f"found: {muscles}; target made with: {truth}", va="center")
         axes.text(4.14, k, name[:2], va="center")
-    axes.text(5.35, len(found) - 0.2, "muscles", va="center")
+    axes.text(5.35, len(rows) - 0.2, "muscles", va="center")
     axes.set(xlabel="Chamfer distance of the result (dot) and its noise floor (line), mm", yticks=[])
     axes.set_xlim(4.1, 6.6)
     axes.set_xticks([4.5, 5.0])

@@ -70,12 +70,12 @@ def _palette(frames: list[Image.Image]) -> Image.Image:
     pixels = np.concatenate([np.asarray(frame).reshape(-1, 3)[::3] for frame in frames])
     colours = np.unique(pixels, axis=0)
     vivid = np.ptp(colours, axis=1) > VIVID
-    found = [
+    palettes = [
         Image.fromarray(part[None]).quantize(COLOURS).getpalette() or []
         for part in (pixels, colours[vivid], colours[~vivid])
     ]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([value for part in found for value in part[: 3 * COLOURS]])
+    palette.putpalette([value for part in palettes for value in part[: 3 * COLOURS]])
     return palette
 
 

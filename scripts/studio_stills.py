@@ -47,8 +47,8 @@ def choose(page: Page, label: str, option: str) -> None:
     """An option of a list that drops down."""
     x, y, _ = page.field(label)
     page.click(x, y)
-    found = f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText.trim() == {option!r})"
-    page.wait(f"(e => e && (e.click() || true))({found})")
+    element = f"[...document.querySelectorAll('[role=option]')].find(e => e.innerText.trim() == {option!r})"
+    page.wait(f"(e => e && (e.click() || true))({element})")
 
 
 def layout(out: Path) -> None:

@@ -74,12 +74,12 @@ class WithJacobian(AnalyticCloth):
 
     def faces_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
         self.asked += 1
-        found = []
+        jacobians = []
         for case in cases:
             moves = [move(case, column, column.step) for column in columns]
-            sides = [[self._shape(side, 1.0).astype(float) for side in own.sides] for own in moves]
-            changes = [(high - low) / own.width for own, (low, high) in zip(moves, sides, strict=True)]
+            sides = [[self._shape(side, 1.0).astype(float) for side in moved.sides] for moved in moves]
+            changes = [(high - low) / moved.width for moved, (low, high) in zip(moves, sides, strict=True)]
             points = self._shape(case, 1.0)
             exact = np.ones(len(columns), dtype=bool)
-            found.append(FacesJacobian(points, self.wrong * np.array(changes).reshape(-1, *points.shape), exact))
-        return found
+            jacobians.append(FacesJacobian(points, self.wrong * np.array(changes).reshape(-1, *points.shape), exact))
+        return jacobians

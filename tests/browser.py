@@ -44,7 +44,7 @@ _BUTTON = """(() => {
 })()"""
 
 
-_FEW_FRAMES = """(() => {
+_SLOW_FRAMES = """(() => {
   const soon = window.requestAnimationFrame.bind(window);
   window.requestAnimationFrame = draw => setTimeout(() => soon(draw), 80);
   window.cancelAnimationFrame = clearTimeout;
@@ -177,7 +177,7 @@ def browser_at(
                 deviceScaleFactor=0.5 if frugal else 1, mobile=False,
             )  # fmt: skip
             if frugal:
-                page.call("Page.addScriptToEvaluateOnNewDocument", source=_FEW_FRAMES)
+                page.call("Page.addScriptToEvaluateOnNewDocument", source=_SLOW_FRAMES)
             page.call("Page.navigate", url=address)
             yield page
     finally:

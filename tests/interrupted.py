@@ -71,8 +71,8 @@ def interrupted(
 def descendants(pid: int) -> Iterator[int]:
     """Processes that a process has started, and those that these have."""
     with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
-        for threads_own in Path(f"/proc/{pid}/task").glob("*/children"):
-            for child in threads_own.read_text().split():
+        for children in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in children.read_text().split():
                 yield int(child)
                 yield from descendants(int(child))
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.distance import cdist
 
-NEAR = 0.02  # m along the cloth: nearer points belong to the same layer
+SAME_LAYER = 0.02  # m along the cloth: nearer points belong to the same layer
 
 
 def depth(middle, design):
@@ -16,22 +16,22 @@ def depth(middle, design):
     size = 1.5 * spacing.max()  # no point of a triangle or an edge is farther from its middle, if stretched by less
     ends, places = _edges(n)
     segments = middle.reshape(-1, 3)[ends]
-    for edge, triangle in _near(segments.mean(1), places * spacing, triangles, centres, 2 * size):
+    for edge, triangle in _pairs(segments.mean(1), places * spacing, triangles, centres, 2 * size):
         if _pierced(segments[edge], triangles[triangle]).any():
             return np.inf
     points, at = _dense(middle)
     nearest = fabric.thickness
-    for point, triangle in _near(points, at * spacing, triangles, centres, fabric.thickness + size):
+    for point, triangle in _pairs(points, at * spacing, triangles, centres, fabric.thickness + size):
         nearest = min(nearest, _distance(points[point], triangles[triangle]).min())
     return 1 - nearest / fabric.thickness
 
 
-def _near(x, at, triangles, centres, radius):
+def _pairs(x, at, triangles, centres, radius):
     """Pairs of `x` (k, 3) and triangles (m, 3, 3) of other layers whose middles are within `radius`, by hundreds of x;
     `at`, `centres`: their places in the flat cloth."""
     for first in range(0, len(x), 500):
         part = slice(first, first + 500)
-        i, j = np.nonzero((cdist(x[part], triangles.mean(1)) < radius) & (cdist(at[part], centres) > NEAR))
+        i, j = np.nonzero((cdist(x[part], triangles.mean(1)) < radius) & (cdist(at[part], centres) > SAME_LAYER))
         if len(i):
             yield first + i, j
 

@@ -66,5 +66,5 @@ def middle(points):
 
 def around(ends, spacing):
     """The nodes that a loop at each of `ends` touches: 3 x 3, `spacing` apart."""
-    near = (-spacing, 0.0, spacing)
-    return tuple((u + du, v + dv) for u, v in ends for dv in near for du in near)
+    offsets = (-spacing, 0.0, spacing)
+    return tuple((u + du, v + dv) for u, v in ends for dv in offsets for du in offsets)

@@ -18,7 +18,7 @@ from tests.sim_designs import held
 def tried_once(simulator: Simulator, cases, times, approach=Approach.USUAL):
     """Its motions, as the first try has them, or with patience the second."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Simulator, "tries", lambda own, _, count: [(own, approach, [*range(count)])])
+        patched.setattr(Simulator, "tries", lambda self, _, count: [(self, approach, [*range(count)])])
         return simulator.run(cases, times)
 
 
@@ -53,9 +53,9 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
         for lane in range(first, len(cases)):
             rng = np.random.default_rng(lane)
             for axis in range(2):
-                own = state[0, nodes, axis * LANES + lane]
-                towards = np.where(rng.random(own.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
-                state[0, nodes, axis * LANES + lane] = np.nextafter(own, towards)
+                coordinates = state[0, nodes, axis * LANES + lane]
+                towards = np.where(rng.random(coordinates.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
+                state[0, nodes, axis * LANES + lane] = np.nextafter(coordinates, towards)
         F.node3.from_numpy(state)
         return _moved(simulator, batch, case_of, [simulator.steps(case, times) for case in cases])
 
@@ -70,4 +70,4 @@ def _moved(simulator, batch, packed, steps):
     """(T, n, n, 3) m each, mid-surfaces of the motions from where the batch is."""
     schedule, begins = of_motions(batch, packed, steps, tick=simulator.time_step, rho=simulator.rho)
     shapes, _ = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
-    return [own.reshape(-1, batch.nv, batch.nu, 3).astype(float) for own in np.split(shapes, begins[1:-1])]
+    return [frames.reshape(-1, batch.nv, batch.nu, 3).astype(float) for frames in np.split(shapes, begins[1:-1])]

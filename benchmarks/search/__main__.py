@@ -21,7 +21,7 @@ from unittest.mock import patch
 from benchmarks.machine import ROOT, commit, write_part
 from benchmarks.search.baselines import baselines
 from benchmarks.search.page import page
-from benchmarks.search.parts import NEAR, SECONDS, cases
+from benchmarks.search.parts import SECONDS, TIMED_RATIO, cases
 from benchmarks.search.targets import truths
 from fabdesign.output import write_text
 
@@ -76,8 +76,8 @@ def _others(work: Path, named: list[str]) -> None:
         row = json.loads(ours.read_text(encoding="utf-8"))
         if row.get("near_s") and len([*file.parent.glob("*")]) < COMPARED:
             print(f"others: {truth.name}", flush=True)
-            found = baselines(truth, work / "reach" / truth.name, row["near_s"], 1e-3 * NEAR * row["floor_mm"])
-            write_text(file, json.dumps(found, indent=2) + "\n")
+            results = baselines(truth, work / "reach" / truth.name, row["near_s"], 1e-3 * TIMED_RATIO * row["floor_mm"])
+            write_text(file, json.dumps(results, indent=2) + "\n")
 
 
 if __name__ == "__main__":

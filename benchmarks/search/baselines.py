@@ -27,8 +27,8 @@ Ask = Callable[[], list[Vector]]
 Tell = Callable[[list[Vector], list[float]], None]
 
 
-def baselines(truth: Truth, folder: Path, ours: float, near: float) -> Row:
-    """Seconds until each has a shape of `near` m on the coarse model, null where it has none after TIMES `ours`: with
+def baselines(truth: Truth, folder: Path, ours: float, goal: float) -> Row:
+    """Seconds until each has a shape of `goal` m on the coarse model, null where it has none after TIMES `ours`: with
     as many muscles as the truth, of its types and on its faces, which ours is not told. What breaks a limit costs
     nothing, and is the worse the more it does."""
     target = Target(np.load(measured(truth, 0, folder))["points"])
@@ -53,7 +53,7 @@ def baselines(truth: Truth, folder: Path, ours: float, near: float) -> Row:
             tell(xs, values)
             count += sum(kept)
             best = min(best, *values)
-            reached = time.monotonic() - begin if best <= near else None
+            reached = time.monotonic() - begin if best <= goal else None
         row[name] = {"seconds": reached, "best_mm": 1e3 * best, "evaluations": count}
     return row
 

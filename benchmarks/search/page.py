@@ -11,7 +11,7 @@ from benchmarks.search.baselines import TIMES
 from benchmarks.search.parts import cases
 
 Rows = dict[str, dict[str, Any]]
-NEAR, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
+REACHED_RATIO, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
 
 
 def page(work: Path, *, quick: bool, note: str = "") -> str:
@@ -26,15 +26,15 @@ def page(work: Path, *, quick: bool, note: str = "") -> str:
         for part in dict.fromkeys(case.part for case in every)
     }
     others = {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in sorted((work / "others").glob("*"))}
-    left = {part: sum(case.part == part for case in every) - len(found) for part, found in rows.items()}
-    commits = sorted({row["commit"] for found in rows.values() for row in found.values()})
+    not_run = {part: sum(case.part == part for case in every) - len(part_rows) for part, part_rows in rows.items()}
+    commits = sorted({row["commit"] for part_rows in rows.values() for row in part_rows.values()})
     lines = [
         f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
         f"commit {', '.join(commits) or 'none'}, {processor()}.",
         "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
         *([note] if note else []),
         "",
-        f"Not run: {', '.join(f'{count} of part {part}' for part, count in left.items() if count) or 'nothing'}"
+        f"Not run: {', '.join(f'{count} of part {part}' for part, count in not_run.items() if count) or 'nothing'}"
         f"{'' if others else '; other searches (--others)'}.",
     ]
     lines += _bounds(rows, others)
@@ -46,7 +46,7 @@ def page(work: Path, *, quick: bool, note: str = "") -> str:
 def _bounds(rows: dict[str, Rows], others: Rows) -> list[str]:
     """A line for every bound: what is known of it."""
     reach, grid, poses = rows["reach"].values(), rows["grid"].values(), rows["poses"].values()
-    near, few = _near(rows["reach"])
+    reached, sparse = _reached_counts(rows["reach"])
     copies = [row for row in rows["robust"].values() if "rig_yield" in row]
     better = [
         row["rig_yield"]["yield"] >= 1.5 * row["rig_nominal"]["yield"]
@@ -58,15 +58,15 @@ def _bounds(rows: dict[str, Rows], others: Rows) -> list[str]:
     steady = [_monotone(row["cells"]) for row in grid]
     none = "not run"
     lines = [
-        ("within 10 % of the floor", "11 of 12", f"{near} of {len(reach)}"),
-        ("of those, at most one muscle over the truth", "10 of 12", f"{few} of {near}"),
+        ("within 10 % of the floor", "11 of 12", f"{reached} of {len(reach)}"),
+        ("of those, at most one muscle over the truth", "10 of 12", f"{sparse} of {reached}"),
         ("times fewer seconds than random search, CMA-ES and TPE", "10", _faster(others) if others else none),
         ("`layouts` monotone, half tube", "3 of 3 seeds", f"{sum(steady)} of {len(steady)}" if steady else none),
         ("robust on the rig: yield higher by half, shape within 10 %", "4 of 4", f"{sum(better)} of {len(better)}"),
         ("two poses, each within 15 % of its own layout", "4 of 4", f"{sum(met)} of {len(met)}"),
         ("time of an evaluation over effects and corrector", "1.5", f"{max(ratios):.2f}" if ratios else none),
     ]
-    cells = [f"| {what} | {bound} | {none if found == '0 of 0' else found} |" for what, bound, found in lines]
+    cells = [f"| {what} | {bound} | {none if value == '0 of 0' else value} |" for what, bound, value in lines]
     return ["", "| figure | bound | found |", "|---|---|---|", *cells]
 
 
@@ -83,10 +83,11 @@ def _faster(others: Rows) -> str:
     return ", ".join(medians)
 
 
-def _near(reach: Rows) -> tuple[int, int]:
-    """How many targets are within NEAR of the floor, and how many of those have at most one muscle over the truth."""
-    near = [row for row in reach.values() if row["value_mm"] <= NEAR * row["floor_mm"]]
-    return len(near), sum(row["muscles"] <= row["truth"] + 1 for row in near)
+def _reached_counts(reach: Rows) -> tuple[int, int]:
+    """How many targets are within REACHED_RATIO of the floor, and how many of those have at most one muscle over the
+    truth."""
+    reached = [row for row in reach.values() if row["value_mm"] <= REACHED_RATIO * row["floor_mm"]]
+    return len(reached), sum(row["muscles"] <= row["truth"] + 1 for row in reached)
 
 
 def _met(poses: dict[str, Any]) -> bool:
@@ -100,8 +101,8 @@ def _monotone(cells: dict[str, list[float]]) -> bool:
     return all(
         value <= other
         for (count, sides), value in reached.items()
-        for (fewer, own), other in reached.items()
-        if fewer <= count and (own == sides or sides == "both")
+        for (fewer, other_sides), other in reached.items()
+        if fewer <= count and (other_sides == sides or sides == "both")
     )
 
 
@@ -114,10 +115,10 @@ def _given(rows: Rows) -> str:
 def _reach(rows: Rows) -> list[str]:
     if not rows:
         return []
-    near, few = _near(rows)
+    reached, sparse = _reached_counts(rows)
     lines = ["", "## Targets of 2 to 8 muscles", ""]
-    lines.append(f"Within 10 % of the floor: **{near} of {len(rows)}** (bound 11 of 12). Of those, at most one")
-    lines.append(f"muscle more than the truth: **{few}** (bound 10 of 12). {_given(rows)}")
+    lines.append(f"Within 10 % of the floor: **{reached} of {len(rows)}** (bound 11 of 12). Of those, at most one")
+    lines.append(f"muscle more than the truth: **{sparse}** (bound 10 of 12). {_given(rows)}")
     lines += [
         "",
         "| target | Chamfer, mm | floor | muscles | truth | s to 1.2 | seconds | CPU seconds | ended | commit |",

@@ -38,8 +38,8 @@ COPIES = 50  # on the simulator,
 RIG_COPIES = 24  # and on the rig, where one takes 3 to 7 s
 DEMO_MODEL = ROOT / "fabdesign" / "data" / "demo_model.toml"  # trained on rig_a
 EVALUATIONS = 600  # of a search with a model, and of the same one without
-NEAR = 1.2  # times the floor, to which the seconds of searches are compared
-FEW = 4  # targets of the parts that compare two searches
+TIMED_RATIO = 1.2  # times the floor, to which the seconds of searches are compared
+POSE_TARGETS = 4  # targets of the parts that compare two searches
 # Those that are made robust: of the twelve, the four whose nominal result's copies are farthest over it in the mean (9
 # to 11 %; of the others 0.3 to 6 %). Where copies hardly scatter there is nothing to be robust against.
 SCATTERED = ("06_5_drawn", "07_5_bent", "10_7_drawn", "11_8_drawn")
@@ -66,7 +66,7 @@ def cases() -> Iterator[Case]:
     for truth in known:
         if truth.name in SCATTERED:
             yield Case("robust", truth.name, partial(robust, truth))
-    for truth in known[:FEW]:
+    for truth in known[:POSE_TARGETS]:
         yield Case("poses", truth.name, partial(poses, truth))
     yield Case("model", known[0].name, partial(with_model, known[0]))
 
@@ -93,7 +93,7 @@ def timed(study: Study, out: Path) -> tuple[StudyResult, Row]:
         "muscles": len(result.design.muscles),
         "cpu_s": time.process_time() - cpu,
         "wall_s": time.perf_counter() - wall,
-        "near_s": seconds_to(result, NEAR * result.errors.chamfer_floor),
+        "near_s": seconds_to(result, TIMED_RATIO * result.errors.chamfer_floor),
         "stop_reason": result.stop_reason,
     }
     return result, row
@@ -173,16 +173,16 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     fine, coarse = (forward_model(simulator, None) for simulator in forward_models({}, study, nominal.targets))
     objective = Objective([Target(target.points, target.time) for target in nominal.targets])
     how = Scattering(replace(study, robust=asked), asked, objective, coarse)
-    found = robustness_of(how, (nominal.design, nominal.pressure), fine, nominal=nominal.objective)
-    values = np.array([objective.value(shape) for shape in found.shapes])
+    robustness = robustness_of(how, (nominal.design, nominal.pressure), fine, nominal=nominal.objective)
+    values = np.array([objective.value(shape) for shape in robustness.shapes])
     tolerance = float(np.median(values))
     asked = replace(asked, tolerance=tolerance)
-    found = replace(found, tolerance=tolerance, yielded=float((values <= tolerance).sum() / COPIES))
+    robustness = replace(robustness, tolerance=tolerance, yielded=float((values <= tolerance).sum() / COPIES))
     chosen, _ = timed(replace(study, robust=asked), folder / "yield")
     on_rig = _on_rig(nominal, how, nominal.targets[0].points, None)
     return {
         "muscles": [len(result.design.muscles) for result in (nominal, chosen)],
-        "nominal": plain(found),
+        "nominal": plain(robustness),
         "yield": chosen.to_json()["robust"],
         "rig_nominal": on_rig,
         "rig_yield": _on_rig(chosen, how, nominal.targets[0].points, 1e-3 * on_rig["tolerance_mm"]),
@@ -208,7 +208,7 @@ def with_model(truth: Truth, folder: Path, share: float) -> Row:
     study = replace(study, limits=replace(study.limits, evaluations=round(share * EVALUATIONS)))
     row: Row = {"evaluations": study.limits.evaluations}
     for name, model in (("data_sheet", None), ("model", read_model(DEMO_MODEL))):
-        result, found = timed(replace(study, model=model), folder / name)
+        result, figures = timed(replace(study, model=model), folder / name)
         done = {"search_s": result.history[-1].seconds, "evaluated": len(result.history)}
-        row[name] = found | done
+        row[name] = figures | done
     return row

@@ -44,7 +44,7 @@ class Truth:
 def truths() -> list[Truth]:
     """Twelve of 2 to 8 muscles: parallel and loose lines on one face and both, two with a corner, two of cloths that
     are not square. Each with two poses."""
-    found = []
+    layouts = []
     for number, count in enumerate((2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 8)):
         cloth = build("vertical")
         if number in (4, 9):
@@ -56,8 +56,8 @@ def truths() -> list[Truth]:
         rng = np.random.default_rng(number)
         pressures = np.maximum(pressures, 150e3) * rng.uniform(0.6, 1.0, pressures.shape)
         kind = "bent" if number in (2, 7) else "drawn"
-        found.append(Truth(f"{number:02d}_{count}_{kind}", replace(design, name=f"truth_{number:02d}"), pressures))
-    return found
+        layouts.append(Truth(f"{number:02d}_{count}_{kind}", replace(design, name=f"truth_{number:02d}"), pressures))
+    return layouts
 
 
 def _bent(design: Design) -> Design:

@@ -107,17 +107,17 @@ def _beside_flex(size: Size, points: int) -> list[str]:
 
 def kernel(size: Size) -> list[str]:
     """The dominant loops beside C."""
-    found = work("kernel", points=41, repeats=3 * size.repeats)
-    if "missing" in found:
-        return [f"Loops beside C: skipped, {found['missing']}.", ""]
-    seconds = np.array(found["seconds"])
+    comparison = work("kernel", points=41, repeats=3 * size.repeats)
+    if "missing" in comparison:
+        return [f"Loops beside C: skipped, {comparison['missing']}.", ""]
+    seconds = np.array(comparison["seconds"])
     lines = ["| loop, 8 designs of 41 x 41, one core | Taichi, us | C with AVX2, us |", "|---|---|---|"]
     figures = []
     for k, name in enumerate(("forces of the cloth", "the flat cloth's own solve")):
         taichi, c = 1e6 * np.median(seconds[:, k], axis=0)
         lines.append(f"| {name} | {taichi:.0f} | {c:.0f} |")
         figures.append(Figure(f"{name}, Taichi over C", list(seconds[:, k, 0] / seconds[:, k, 1]), "", 2.0))
-    forces, solution = found["apart"]
+    forces, solution = comparison["apart"]
     return [
         *lines,
         "",
@@ -136,13 +136,13 @@ def scaling(size: Size) -> list[str]:
     ]
     each, figures = {}, []
     for count, points in grid:
-        found = work("shapes", count=count, points=points, repeats=1 if count > 100 else size.repeats)
-        cpu, wall = Figure("", found["cpu"], "").median, Figure("", found["wall"], "").median
+        run = work("shapes", count=count, points=points, repeats=1 if count > 100 else size.repeats)
+        cpu, wall = Figure("", run["cpu"], "").median, Figure("", run["wall"], "").median
         each[count, points] = cpu / count
-        sizes = f"{cpu:.2f} | {cpu / count:.3f} | {wall:.2f} | {found['rss'] / 1e6:.0f}"
+        sizes = f"{cpu:.2f} | {cpu / count:.3f} | {wall:.2f} | {run['rss'] / 1e6:.0f}"
         lines.append(f"| {count} | {points} | {sizes} |")
         if count == 1024:
-            figures.append(Figure("1,024 designs of 41 x 41: peak memory", [found["rss"] / GIGABYTE], " GB", 2.0))
+            figures.append(Figure("1,024 designs of 41 x 41: peak memory", [run["rss"] / GIGABYTE], " GB", 2.0))
     if (1024, 41) in each:
         figures.append(Figure("CPU a design, 1,024 designs over 32", [each[1024, 41] / each[32, 41]], ""))
     largest = max(size.points)

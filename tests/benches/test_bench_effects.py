@@ -25,16 +25,16 @@ def record(name, seed=0):
     """Steps of pressure while the contraction sweeps, stops and sweeps back: kPa, 1, N."""
     rng = np.random.default_rng(seed)
     time = np.arange(0, 20, STEP)
-    told = 50e3 * rng.integers(0, 9, 21)[(time / 1.0).astype(int)]
+    command = 50e3 * rng.integers(0, 9, 21)[(time / 1.0).astype(int)]
     turns = rng.uniform(0.02, 0.2, 15)
     eps = np.interp(time, 1.5 * np.arange(15), turns)
     if name != "muscle_viscosity":  # which a jump would make infinite
         eps = np.where((time % 6) > 4, np.interp(time - time % 6 + 4, time, eps), eps)  # holds
-    p, z, g, pressure, lent, rubbed = told[0], 0.3 * eps[0], 0.0, [], [], []
+    p, z, g, pressure, lent, rubbed = command[0], 0.3 * eps[0], 0.0, [], [], []
     if name != "muscle_creep":
         z = 0.0
     before = eps[0]
-    for goal, e in zip(told, eps, strict=True):
+    for goal, e in zip(command, eps, strict=True):
         if name == "filling_lag":
             p += STEP * (goal - p) / (0.15 if goal > p else 0.3)
         else:
@@ -54,7 +54,7 @@ def record(name, seed=0):
     force = law(np.array(pressure), eps - np.array(lent)) - np.array(rubbed)
     rows = slice(None, None, EVERY[name])
     noisy = force[rows] + 0.05 * rng.standard_normal(len(force[rows]))
-    return time[rows], told[rows], eps[rows], noisy
+    return time[rows], command[rows], eps[rows], noisy
 
 
 def bench(folder, name):
@@ -65,9 +65,9 @@ def bench(folder, name):
         + "".join(f'[[records]]\nfile = "r{i}.csv"\n' for i in range(2))
     )
     for i in range(2):
-        time, told, eps, force = record(name, i)
+        time, command, eps, force = record(name, i)
         columns = ("time_s", "pressure_command_kpa", "contraction", "force_n")
-        rows = zip(time.tolist(), (told / 1e3).tolist(), eps.tolist(), force.tolist(), strict=True)
+        rows = zip(time.tolist(), (command / 1e3).tolist(), eps.tolist(), force.tolist(), strict=True)
         write_rows(folder / f"r{i}.csv", columns, list(rows))
     return folder
 

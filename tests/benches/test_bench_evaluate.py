@@ -40,8 +40,8 @@ def write(folder: Path, kind: str, test: int = 1) -> Path:
     folder.mkdir()
     text = f'format = "fabdesign.bench/1"\nname = "B"\nspecimen = "{kind.split()[-1]}"\n'
     text += f'input = {json.dumps(header[:-1])}\noutput = "{header[-1]}"\n{constants}'
-    for k, own in enumerate(arguments):
-        columns = made(rng, *own)
+    for k, values in enumerate(arguments):
+        columns = made(rng, *values)
         table = [SCALE.get(name, 1.0) * columns[name.rpartition("_")[0] or name] for name in header]
         np.savetxt(folder / f"r{k}.csv", np.stack(table, axis=1), delimiter=",", header=",".join(header), comments="")
         role = "test" if k >= len(arguments) - test else "fit"
@@ -55,18 +55,18 @@ def test_the_file_predicts_as_the_law_that_was_fitted(kind: str, tmp_path: Path)
     folder = write(tmp_path / "bench", kind)
     fitted = calibrate_bench(folder)
     write_bench_type(fitted, tmp_path / "out" / "type.toml")
-    found = evaluate_bench(folder, tmp_path / "out" / "type.toml", ["test", "fit"])
-    assert list(found.tests) == [f"r{len(MADE[kind][1]) - 1}"]
-    assert found.unit == fitted.unit
+    evaluation = evaluate_bench(folder, tmp_path / "out" / "type.toml", ["test", "fit"])
+    assert list(evaluation.tests) == [f"r{len(MADE[kind][1]) - 1}"]
+    assert evaluation.unit == fitted.unit
     largest = max(float(np.abs(r.columns[r_output(kind)]).max()) for r in fitted.bench.records)
-    assert found.tests[next(iter(found.tests))].after == pytest.approx(fitted.error_test, rel=1e-6)
-    assert np.mean([e.after for e in found.others.values()]) == pytest.approx(fitted.error_fit, rel=1e-6)
-    assert found.noise.sigma == pytest.approx(fitted.noise.sigma, rel=0.3)  # of all records, of those fitted
-    for errors in found.tests.values():  # before is without what motion adds
+    assert evaluation.tests[next(iter(evaluation.tests))].after == pytest.approx(fitted.error_test, rel=1e-6)
+    assert np.mean([e.after for e in evaluation.others.values()]) == pytest.approx(fitted.error_fit, rel=1e-6)
+    assert evaluation.noise.sigma == pytest.approx(fitted.noise.sigma, rel=0.3)  # of all records, of those fitted
+    for errors in evaluation.tests.values():  # before is without what motion adds
         assert errors.after < 0.5 * errors.before if kind in ("cylinder", "muscle") else errors.after == errors.before
-    rms = np.sqrt(np.mean([e.after**2 for e in found.others.values()]))
+    rms = np.sqrt(np.mean([e.after**2 for e in evaluation.others.values()]))
     assert rms == pytest.approx(fitted.error_fit, abs=0.01 * largest)
-    last = found.as_markdown().splitlines()[-1]  # no source: no line with a name and nothing behind it
+    last = evaluation.as_markdown().splitlines()[-1]  # no source: no line with a name and nothing behind it
     assert last == "RMS of each record; before: by the law at rest, after: with friction, viscosity and effects."
 
 
@@ -79,12 +79,12 @@ def test_the_command_prints_and_writes_a_table(tmp_path: Path, run: Run) -> None
     assert run("calibrate", folder, "-o", law)[0] == 0
     code, out, err = run("evaluate", folder, "--model", law, "--all", "-o", tmp_path / "out", "--json")
     assert code == 0, err
-    told = json.loads(out)
-    assert told == json.loads((tmp_path / "out" / "evaluation.json").read_text())
-    assert told["metric"] == "rms" and told["unit"] == "N"
-    assert {"mean", "max", "min", "std"} == told["designs"]["B"]["after"]["rms"].keys()
-    assert told["designs"]["B"]["after"]["rms"]["mean"] < told["designs"]["B"]["before"]["rms"]["mean"]
-    assert len(told["others"]["B"]["records"]) == 3
+    evaluation = json.loads(out)
+    assert evaluation == json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert evaluation["metric"] == "rms" and evaluation["unit"] == "N"
+    assert {"mean", "max", "min", "std"} == evaluation["designs"]["B"]["after"]["rms"].keys()
+    assert evaluation["designs"]["B"]["after"]["rms"]["mean"] < evaluation["designs"]["B"]["before"]["rms"]["mean"]
+    assert len(evaluation["others"]["B"]["records"]) == 3
     assert "| mean |" in run("evaluate", folder, "--model", law)[1]
 
 

@@ -96,10 +96,10 @@ def test_strip_band_holds_the_next_record():
 
 def test_cylinder_recovers_area_friction_and_presliding():
     law = CylinderLaw.fit([cylinder_record(p, seed) for seed, p in enumerate((1e5, 3e5, 5e5, 7e5))])
-    found = dict(zip(law.terms, law.coefficients, strict=True))
-    assert found["p"] == pytest.approx(50, rel=0.002)  # N per 100 kPa: 5 cm^2
-    assert found["s"] == pytest.approx(2, rel=0.05)
-    assert found["s p"] == pytest.approx(0.4, rel=0.05)
+    coefficients = dict(zip(law.terms, law.coefficients, strict=True))
+    assert coefficients["p"] == pytest.approx(50, rel=0.002)  # N per 100 kPa: 5 cm^2
+    assert coefficients["s"] == pytest.approx(2, rel=0.05)
+    assert coefficients["s p"] == pytest.approx(0.4, rel=0.05)
     assert law.presliding == 0.0005
     assert law.cross_validated["area"] > 3 * law.cross_validated["friction"]
     held_out = cylinder_record(6e5, 9)
@@ -340,13 +340,13 @@ def test_a_law_alone_is_read_back_and_not_included(specimen, records, header, wh
 
 def test_errors_of_a_bench_in_words():
     @dataclasses.dataclass
-    class Found:
+    class Errors:
         unit: str
         error_fit: float
         error_left_out: float | None = None
         error_test: float | None = None
 
-    assert errors_in_words(Found("m", 9.91e-18)) == "under 0.001 mm RMS on the fit"
-    assert errors_in_words(Found("N", 0.25, 0.5, 1.0)) == (
+    assert errors_in_words(Errors("m", 9.91e-18)) == "under 0.001 mm RMS on the fit"
+    assert errors_in_words(Errors("N", 0.25, 0.5, 1.0)) == (
         "0.25 N RMS on the fit, 0.5 N RMS on records left out of it, 1 N RMS on records of role test"
     )

@@ -112,12 +112,12 @@ def test_what_the_sdk_writes_now_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ending", ["bag", "db3"])
 def test_hostile_recordings_are_one_line(ending: str, tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="the extra realsense is not installed")
-    whole = (SAMPLES / f"sample.{ending}").read_bytes()
+    recording = (SAMPLES / f"sample.{ending}").read_bytes()
     path = tmp_path / f"a.{ending}"
     rng = np.random.default_rng(0)
-    spoilt = [b"", whole[:100], whole[: len(whole) // 2], b"#ROSBAG V2.0\n" + bytes(200)]
+    spoilt = [b"", recording[:100], recording[: len(recording) // 2], b"#ROSBAG V2.0\n" + bytes(200)]
     for _ in range(12):
-        content = bytearray(whole)
+        content = bytearray(recording)
         for at in rng.integers(0, len(content), 12):
             content[at] = int(rng.integers(256))
         spoilt.append(bytes(content))
@@ -209,7 +209,7 @@ def test_npz_stacks_are_read(tmp_path: Path) -> None:
     stream = read_depth_npz(tmp_path / "a.npz")
     assert (stream.unit, stream.clock) == (2e-4, "device")
     assert np.array_equal(stream.depth(2), DEPTH[2])
-    for wrong, said in (
+    for wrong, message in (
         ({"depth": DEPTH[0]}, r"depth is \(12, 16\); expected"),
         ({"depth": DEPTH.astype(float)}, "depth is float64; expected uint16"),
         ({"depth": DEPTH}, "no intrinsics"),
@@ -218,7 +218,7 @@ def test_npz_stacks_are_read(tmp_path: Path) -> None:
         ({"depth": DEPTH, "intrinsics": matrix, "unit": 5.0}, "a depth unit of 5 m"),
     ):
         np.savez(tmp_path / "b.npz", **wrong)
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             read_depth_npz(tmp_path / "b.npz")
 
 

@@ -51,7 +51,7 @@ def tube(count: int = 600, seed: int = 1) -> NDArray[np.float64]:
 TUBE, MARKERS = tube(), tube(20, seed=2)
 
 
-def said(read: Callable[[], object]) -> list[str]:
+def notes_of(read: Callable[[], object]) -> list[str]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         read()
@@ -78,13 +78,13 @@ def ascii_pcd(points: NDArray[np.float64], count: int | None = None) -> str:
 def lzf(content: bytes, repeats: int) -> bytes:
     """A block that was written once and is repeated, as LZF has it: new bytes, then references that overlap."""
     packed = b"".join(bytes([len(content[i : i + 32]) - 1]) + content[i : i + 32] for i in range(0, len(content), 32))
-    back, left = len(content) - 1, len(content) * (repeats - 1)
-    while left:
-        length = min(left, 264)
-        length -= 1 if 0 < left - length < 3 else 0
+    back, remaining = len(content) - 1, len(content) * (repeats - 1)
+    while remaining:
+        length = min(remaining, 264)
+        length -= 1 if 0 < remaining - length < 3 else 0
         code = length - 2
         start = bytes([(min(code, 7) << 5) | (back >> 8)]) + (bytes([code - 7]) if code >= 7 else b"")
-        packed, left = packed + start + bytes([back & 255]), left - length
+        packed, remaining = packed + start + bytes([back & 255]), remaining - length
     return packed
 
 
@@ -94,15 +94,15 @@ def lzf(content: bytes, repeats: int) -> bytes:
 @pytest.mark.parametrize("name", ["bench_semicolon.csv", "bench_units_row.csv", "bench_tabs.txt"])
 def test_case_benches_are_the_law_that_they_were_made_of(name: str, data: Path) -> None:
     truth = rows_of(read_bench_table(data / "rig_e" / "em20_bench.csv"))
-    (line,) = said(lambda: read_bench_table(data / "cases" / name))
+    (line,) = notes_of(lambda: read_bench_table(data / "cases" / name))
     assert "as pressure" in line
-    found = rows_of(read_bench_table(data / "cases" / name))
-    np.testing.assert_allclose(found, truth, rtol=0, atol=0.4 if "units" in name else 1e-9)  # psi with four digits
+    rows = rows_of(read_bench_table(data / "cases" / name))
+    np.testing.assert_allclose(rows, truth, rtol=0, atol=0.4 if "units" in name else 1e-9)  # psi with four digits
 
 
 def test_case_pressures(data: Path) -> None:
     file = data / "cases" / "pressures_semicolon.csv"
-    (line,) = said(lambda: read_csv(file))
+    (line,) = notes_of(lambda: read_csv(file))
     assert "Kanal 0 [bar] as channel_0" in line
     program = read_csv(file)
     np.testing.assert_allclose(program.time, 0.3 * np.arange(6), atol=1e-12)
@@ -135,7 +135,7 @@ def test_case_clouds_are_the_same_points_and_pose(data: Path) -> None:
     np.testing.assert_allclose(read_cloud(cases / "cloud.pts"), cloud, atol=1e-5)
     pose = target_of(cases / "cloud.npy", place="fit").placement
     for name, count in (("missing_pixels.ply", 60), ("one_far_point.ply", 1), ("some_nan.ply", 12)):
-        (line,) = said(lambda name=name: read_geometry(cases / name))  # type: ignore[misc]
+        (line,) = notes_of(lambda name=name: read_geometry(cases / name))  # type: ignore[misc]
         assert f"{count} of " in line
         placed = target_of(cases / name, place="fit")
         assert len(placed.points) == (588 if count == 12 else 600)
@@ -170,11 +170,11 @@ BENCHES = {
 @pytest.mark.parametrize("text", BENCHES, ids=["semicolons", "units row", "tabs", "blanks"])
 def test_a_bench_is_the_same_law_however_it_is_written(text: str, tmp_path: Path) -> None:
     (tmp_path / "b.csv").write_text(text, encoding="utf-8", newline="")
-    (line,) = said(lambda: read_bench_table(tmp_path / "b.csv"))
+    (line,) = notes_of(lambda: read_bench_table(tmp_path / "b.csv"))
     assert BENCHES[text] in line
     np.testing.assert_allclose(rows_of(read_bench_table(tmp_path / "b.csv")), rows_of(LAW), rtol=1e-12)
     write_bench_table(LAW, tmp_path / "own.csv")
-    assert said(lambda: read_bench_table(tmp_path / "own.csv")) == []
+    assert notes_of(lambda: read_bench_table(tmp_path / "own.csv")) == []
 
 
 @pytest.mark.parametrize(
@@ -215,14 +215,14 @@ def test_what_could_mean_two_things_is_refused(old: str, new: str, problem: str,
     ],
 )
 def test_headings(text: str, name: str, symbol: str | None) -> None:
-    found = parse_heading(text)
-    assert (found.name, found.symbol) == (name, symbol)
+    heading = parse_heading(text)
+    assert (heading.name, heading.symbol) == (name, symbol)
 
 
 def test_pressures_of_any_unit_and_channels_that_are_not_plain(tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     path.write_text("t [ms];p left [psi];p right [psi]\n0;0;14,5038\n500;29,0076;0\n")
-    (line,) = said(lambda: read_csv(path))
+    (line,) = notes_of(lambda: read_csv(path))
     assert "p left [psi] as channel_0, p right [psi] as channel_1" in line
     np.testing.assert_allclose(read_csv(path).pressure, [[0, 1e5], [2e5, 0]], atol=1)
     np.testing.assert_allclose(read_csv(path).time, [0, 0.5])
@@ -387,7 +387,7 @@ def test_unsound_clouds_are_one_line(name: str, content: str | bytes, problem: s
 def test_texts_in_other_encodings_are_read_and_said(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "b.csv"
     path.write_bytes(("# Prüfstand 3, 20 °C\n" + SEMICOLONS).encode(encoding))
-    assert f"{path}: read as {encoding} text" in said(lambda: read_bench_table(path))
+    assert f"{path}: read as {encoding} text" in notes_of(lambda: read_bench_table(path))
     np.testing.assert_allclose(rows_of(read_bench_table(path)), rows_of(LAW), rtol=1e-12)
     cloud = tmp_path / "c.asc"
     cloud.write_bytes("# Gerät 2\n0 0 0\n0.1 0 0\n".encode(encoding))
@@ -416,9 +416,9 @@ def test_text_clouds_with_names_units_and_gaps(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     path.write_text("\ufeffMarker;x;y;z\n;mm;mm;mm\nM1;1,5;2;3\nM2;;;\nM3;4;5;6,5\n", encoding="utf-8")
     with pytest.warns(InputNote, match="m.csv: written with semicolons and decimal commas"):
-        found = read_geometry(path)
-    assert found.unit == "mm"
-    np.testing.assert_array_equal(found.points, [[1.5, 2, 3], [4, 5, 6.5]])
+        geometry = read_geometry(path)
+    assert geometry.unit == "mm"
+    np.testing.assert_array_equal(geometry.points, [[1.5, 2, 3], [4, 5, 6.5]])
     with pytest.raises(InputError, match='its header says mm; expected unit = "mm"'):
         target_of(path, unit="cm")
 
@@ -434,9 +434,9 @@ def test_a_c3d_is_markers_in_its_own_unit(tmp_path: Path) -> None:
     writer.set_point_labels([f"M{i}" for i in range(20)])
     with (tmp_path / "m.c3d").open("wb") as stream:
         writer.write(stream)
-    found = read_geometry(tmp_path / "m.c3d", frame=1)
-    assert found.unit == "mm"
-    np.testing.assert_allclose(found.points, frames[1, 1:], atol=0.01)
+    geometry = read_geometry(tmp_path / "m.c3d", frame=1)
+    assert geometry.unit == "mm"
+    np.testing.assert_allclose(geometry.points, frames[1, 1:], atol=0.01)
     assert len(target_of(tmp_path / "m.c3d", frame=0).points) == 19
     content = (tmp_path / "m.c3d").read_bytes()
     (tmp_path / "m.c3d").write_bytes(content.replace(b"mm  ", b"ft  ", 1))
@@ -466,7 +466,7 @@ def test_a_target_is_the_same_without_what_a_sensor_adds(kind: str, tmp_path: Pa
     clean, spoilt = (target_of(tmp_path / f"{name}.ply", place="fit") for name in ("clean", "spoilt"))
     np.testing.assert_allclose(spoilt.points, clean.points, atol=1e-9)
     assert spoilt.placement == clean.placement
-    notes = said(lambda: read_target(TargetFile(tmp_path / "spoilt.ply", place="fit"), FABRIC))
+    notes = notes_of(lambda: read_target(TargetFile(tmp_path / "spoilt.ply", place="fit"), FABRIC))
     assert any(re.search(line, note) for note in notes), notes
 
 
@@ -479,7 +479,7 @@ def test_more_than_half_is_refused(tmp_path: Path) -> None:
 
 def test_a_marker_at_the_origin_is_one(tmp_path: Path) -> None:
     write_ply(tmp_path / "c.ply", np.concatenate([MARKERS, np.zeros((1, 3))]))
-    assert said(lambda: read_geometry(tmp_path / "c.ply")) == []
+    assert notes_of(lambda: read_geometry(tmp_path / "c.ply")) == []
 
 
 def test_a_trial_is_read_without_them_and_says_so_once(folder: Path, run: Run) -> None:
@@ -491,8 +491,8 @@ def test_a_trial_is_read_without_them_and_says_so_once(folder: Path, run: Run) -
     offsets = content["offsets"].copy()
     offsets[-1] += 4
     np.savez(path, **(content | {"points": points, "offsets": offsets, "scale": np.float64(1)}))
-    found = read_trial(path, size=0.2)
-    np.testing.assert_allclose(np.concatenate(found.frames), np.concatenate(clean.frames))
+    trial = read_trial(path, size=0.2)
+    np.testing.assert_allclose(np.concatenate(trial.frames), np.concatenate(clean.frames))
     code, _, err = run("check", folder / "set")
     assert code == 0
     (line,) = [line for line in err.splitlines() if line.startswith("note: ")]
@@ -510,7 +510,7 @@ def test_a_recordings_frame_is_read_without_them(tmp_path: Path) -> None:
     program = constant_program([0.0])
     recording = Recording(tmp_path, "r", build("cross"), np.array([0.1]), (sensor,), program)
     np.testing.assert_allclose(recording.frame(sensor, 0), seen, atol=1e-6)
-    assert sum("left out" in line for line in said(lambda: recording.frame(sensor, 0))) == 1
+    assert sum("left out" in line for line in notes_of(lambda: recording.frame(sensor, 0))) == 1
 
 
 def test_a_command_says_once_how_a_table_was_read(folder: Path, run: Run, hanging: type) -> None:

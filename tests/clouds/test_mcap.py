@@ -78,11 +78,11 @@ POINTS = np.random.default_rng(2).uniform(-0.1, 0.3, (3, 5, 4, 3))  # three clou
 @pytest.mark.parametrize("kind", ["<f4", ">f4", "<f8"])
 def test_clouds_read_back(kind: str, tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", [("/left", message(cloud, kind=kind)) for cloud in POINTS])
-    ((found, _),) = read_mcap(path).values()
-    np.testing.assert_allclose(found, POINTS.reshape(3, 20, 3), atol=1e-7)
+    ((clouds, _),) = read_mcap(path).values()
+    np.testing.assert_allclose(clouds, POINTS.reshape(3, 20, 3), atol=1e-7)
     target = read_geometry(path, frame=1)
     assert (target.frame, target.unit) == (1, "m")
-    np.testing.assert_array_equal(target.points, found[1])
+    np.testing.assert_array_equal(target.points, clouds[1])
     write(path, [(topic, message(POINTS[0])) for topic in ("/left", "/right")])
     with pytest.raises(InputError, match=r"has clouds on /left, /right; expected one topic"):
         read_geometry(path)
@@ -90,23 +90,23 @@ def test_clouds_read_back(kind: str, tmp_path: Path) -> None:
 
 def test_what_is_no_cloud_is_one_line(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", [("/left", message(POINTS[0]))])
-    whole = path.read_bytes()
+    mcap = path.read_bytes()
     assert inspect(path).problems == ()
-    for content in (b"", whole[:-40], whole[: len(whole) // 2], whole.replace(b"MSG:", b"MSG!"), b"\x89MCAP0\r\n" * 9):
+    for content in (b"", mcap[:-40], mcap[: len(mcap) // 2], mcap.replace(b"MSG:", b"MSG!"), b"\x89MCAP0\r\n" * 9):
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"a\.mcap: .*an? (whole )?MCAP"):
             read_mcap(path)
     write(path, [("/left", message(POINTS[0]))], name="sensor_msgs/msg/Image")
     with pytest.raises(InputError, match=r"holds /left \(sensor_msgs/msg/Image\); expected clouds"):
         read_mcap(path)
-    for wrong, said in (
+    for wrong, problem in (
         ({"data": b"123"}, "has 3 bytes; expected 5 rows"),
-        ({"point_step": 8}, "has"),
+        ({"point_step": 8}, r"has \d+ bytes; expected 5 rows"),
         ({"fields": []}, "has no fields; expected x, y and z"),
     ):
         content = message(POINTS[0]) | wrong
         content["fields"] = [SimpleNamespace(**field) for field in content["fields"]]
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=problem):
             points_of(SimpleNamespace(**content), "a")
 
 
@@ -137,10 +137,10 @@ def test_a_recording_lies_in_an_mcap(recording: Recording, tmp_path: Path) -> No
     file = other / "recording.toml"
     text = re.sub(r'(name = "(left|right)"\n)', r'\1topic = "/\2/points"\n', file.read_text())
     file.write_text(text.replace("times =", 'mcap = "r.mcap"\ntimes =', 1))
-    found = read_recording(other)
+    mcap_recording = read_recording(other)
     for sensor, k in every:
-        same = next(one for one in found.sensors if one.name == sensor.name)
-        np.testing.assert_allclose(found.frame(same, k), recording.frame(sensor, k), atol=1e-6)
+        same = next(one for one in mcap_recording.sensors if one.name == sensor.name)
+        np.testing.assert_allclose(mcap_recording.frame(same, k), recording.frame(sensor, k), atol=1e-6)
     assert inspect(file).problems == ()
     rated = re.sub(r"times = \[.*?\]", "frame_rate = 10.0", file.read_text(), flags=re.DOTALL)
     file.write_text(rated)

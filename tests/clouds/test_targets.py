@@ -99,16 +99,16 @@ def test_a_fit_undoes_any_exchange_of_axes(
     fit = fit_placement(file, FABRIC, factor=factor, drawn=False)
     assert fit.rival is None
     assert fit.turned_over is not None
-    found = [placement.apply(file) for placement in (fit.placement, fit.turned_over)]
-    assert min(np.abs(points - POINTS).max() for points in found) < 1e-5
+    placed = [placement.apply(file) for placement in (fit.placement, fit.turned_over)]
+    assert min(np.abs(points - POINTS).max() for points in placed) < 1e-5
 
 
 def test_a_fit_of_a_noisy_cloud_is_good_to_what_its_sampling_leaves() -> None:
     rng = np.random.default_rng(1)
     cloud = Surface(POINTS, TRIANGLES).sample(3000, rng)[0] + rng.normal(0, 6e-4, (3000, 3))
     turned = Rotation.from_euler("xyz", [90, 0, 20], degrees=True).apply(cloud) + 1.0
-    found = fit_placement(turned, FABRIC).placement.apply(turned)
-    assert np.sqrt(np.square(found - cloud).sum(axis=1).mean()) < 0.002
+    placed = fit_placement(turned, FABRIC).placement.apply(turned)
+    assert np.sqrt(np.square(placed - cloud).sum(axis=1).mean()) < 0.002
 
 
 def test_a_fit_does_not_turn_a_shape_about_its_edge() -> None:

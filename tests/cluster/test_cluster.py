@@ -125,8 +125,8 @@ def test_rig_trials_are_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_worker_of_another_version_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     machines.this_worker.cache_clear()
     monkeypatch.setattr(machines, "library_version", lambda _: "1.0")
-    said = r"worker \S+ has taichi 1\.7\.4; expected 1\.0, as on this machine$"
-    with pytest.raises(InputError, match=said), on_cluster(address):
+    problem = r"worker \S+ has taichi 1\.7\.4; expected 1\.0, as on this machine$"
+    with pytest.raises(InputError, match=problem), on_cluster(address):
         pass
     machines.this_worker.cache_clear()
 
@@ -138,10 +138,10 @@ def test_a_scheduler_that_is_gone_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     local = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
     gone = "the scheduler is gone; what was finished is kept"
     with local, on_cluster(local.scheduler_address), pytest.raises(SimulationError, match=gone):
-        found = _now().map(str, [1, 2, 3], str)
-        next(found)
+        results = _now().map(str, [1, 2, 3], str)
+        next(results)
         local.close()
-        next(found)
+        next(results)
 
 
 def test_nobody_there_is_bad_input(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,7 +163,7 @@ def test_the_simulator_asks_the_cluster(monkeypatch: pytest.MonkeyPatch) -> None
         workers, threads = 2, 1
 
         def map(self, function: object, tasks: list[tuple], name: object) -> Iterator[list[str]]:
-            yield from ([f"{method} of {model.points_per_side}"] * len(own) for model, method, own, _ in tasks)
+            yield from ([f"{method} of {model.points_per_side}"] * len(batch) for model, method, batch, _ in tasks)
 
     monkeypatch.setattr("sim.simulator.current", Elsewhere)
     simulator, some, times = Simulator(21), cases(12), [np.array([0.1])] * 12
@@ -186,13 +186,13 @@ def test_batches_fill_lanes() -> None:
 
 
 def _now() -> Cluster:
-    found = current()
-    assert found is not None
-    return found
+    cluster = current()
+    assert cluster is not None
+    return cluster
 
 
-@pytest.mark.parametrize("said", [b"HTTP/1.1 400 Bad Request\r\n\r\n", b"SSH-2.0-OpenSSH_9.2\r\n", bytes(64), b"\x01"])
-def test_another_program_at_the_address_is_a_line(said: bytes, run: Run, folder: Path) -> None:
+@pytest.mark.parametrize("reply", [b"HTTP/1.1 400 Bad Request\r\n\r\n", b"SSH-2.0-OpenSSH_9.2\r\n", bytes(64), b"\x01"])
+def test_another_program_at_the_address_is_a_line(reply: bytes, run: Run, folder: Path) -> None:
     """Its first eight bytes are no length: nobody asks for exbibytes, or waits for ever."""
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -200,7 +200,7 @@ def test_another_program_at_the_address_is_a_line(said: bytes, run: Run, folder:
             with suppress(OSError):
                 connection, _ = server.accept()
                 with connection:
-                    connection.sendall(said)
+                    connection.sendall(reply)
 
         threading.Thread(target=answer, daemon=True).start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"

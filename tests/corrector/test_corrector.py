@@ -94,7 +94,7 @@ LEAST_NORM = np.full(3, 0.05)
 def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
     """A set measured on the cloth that the simulator does not know, with noise of 0.3 mm."""
     rng = np.random.default_rng(3)
-    found = []
+    new_trials = []
     for design in designs:
         for k in range(trials):
             pressure = np.round(rng.uniform(0, 300, design.channels))
@@ -104,8 +104,8 @@ def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 
                 points, _ = Surface.of_faces(frame).sample(700, rng)
                 clouds.append(points + 0.3e-3 * rng.standard_normal(points.shape))
             data = TrialData(times, np.tile(1e3 * pressure, (len(times), 1)), tuple(clouds))
-            found.append(NewTrial(f"{design.name}-{k}", design.name, k, "fit", data))
-    write_set(folder, {d.name: d for d in designs}, found, name="bending")
+            new_trials.append(NewTrial(f"{design.name}-{k}", design.name, k, "fit", data))
+    write_set(folder, {d.name: d for d in designs}, new_trials, name="bending")
     return folder
 
 
@@ -188,25 +188,25 @@ def test_a_little_of_a_source_does_what_was_learned_from(trained) -> None:
     for k in (0, names.index("strain: tension"), names.index("swing"), len(names) - 1):
         little = 1e-3 * (np.arange(len(names)) == k)
         moved = basis.displacement(little, frames, case)
-        found = 1e3 * np.einsum("tabi,tabi->tab", moved, frames.normal)
-        assert np.abs(found - heights[:, k]).max() < 2e-2 * np.abs(heights[:, k]).max() + 1e-6  # m
+        displaced_heights = 1e3 * np.einsum("tabi,tabi->tab", moved, frames.normal)
+        assert np.abs(displaced_heights - heights[:, k]).max() < 2e-2 * np.abs(heights[:, k]).max() + 1e-6  # m
 
 
 def test_ridge_finds_the_amounts() -> None:
     rng = np.random.default_rng(0)
     truth = np.array([0.5, -1.0, 0.0])
-    found = []
+    examples = []
     for _ in range(4):
         heights = rng.standard_normal((5, 3, 40)).astype(np.float16)
         goal = np.einsum("tkn,k->tn", heights.astype(float), truth) + 0.1 * rng.standard_normal((5, 40))
-        found.append(Examples(heights, goal.astype(np.float32), np.full((5, 40), 1 / 40, dtype=np.float32)))
-    assert np.abs(coefficients_of(found, 1e-6, LEAST_NORM) - truth).max() < 0.02
-    shrunk = coefficients_of(found, 10.0, LEAST_NORM)
+        examples.append(Examples(heights, goal.astype(np.float32), np.full((5, 40), 1 / 40, dtype=np.float32)))
+    assert np.abs(coefficients_of(examples, 1e-6, LEAST_NORM) - truth).max() < 0.02
+    shrunk = coefficients_of(examples, 10.0, LEAST_NORM)
     assert np.abs(shrunk).max() < 0.2
-    assert coefficients_of(found, 1e-6, LEAST_NORM, np.array([True, False, True]))[1] == 0
-    imitated = coefficients_of(found, 0.1, 1e3 * LEAST_NORM)  # as if a unit one made 50 times the error
+    assert coefficients_of(examples, 1e-6, LEAST_NORM, np.array([True, False, True]))[1] == 0
+    imitated = coefficients_of(examples, 0.1, 1e3 * LEAST_NORM)  # as if a unit one made 50 times the error
     assert np.abs(imitated).max() < 0.01
-    assert found[0].errors(truth).mean() < 0.12 < 1 < found[0].errors().mean()
+    assert examples[0].errors(truth).mean() < 0.12 < 1 < examples[0].errors().mean()
 
 
 def test_trials_held_out_are_not_learned_from(trained) -> None:
@@ -242,10 +242,10 @@ def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) 
     options = {"base": Model(), "vector": vector, "forward": Weak()}
     lines: list[str] = []
 
-    def told(what: str, done: int, total: int) -> None:
+    def note(what: str, done: int, total: int) -> None:
         lines.append(what)
 
-    result = _train(measured, tmp_path / "m.toml", progress=told, **options)
+    result = _train(measured, tmp_path / "m.toml", progress=note, **options)
     (gain,) = (p.factor for name, p in result.model.parameters.items() if name.endswith("muscle_gain"))
     assert gain == pytest.approx(1.4, abs=0.02)
     assert result.base == "factors and effects fitted to the same trials"
@@ -264,7 +264,7 @@ def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) 
     with pytest.raises(Stopped):
         _train(measured, tmp_path / "n.toml", progress=stop, **options)
     lines.clear()
-    again = _train(measured, tmp_path / "n.toml", progress=told, **options)
+    again = _train(measured, tmp_path / "n.toml", progress=note, **options)
     assert [line for line in lines if line.startswith("base: ")] == late
     assert again.model.factors == result.model.factors and again.model.terms == result.model.terms
 
@@ -299,7 +299,7 @@ class Stopped(Exception):
 
 def test_a_training_that_was_stopped_goes_on_and_ends_the_same(tmp_path: Path) -> None:
     measured = measure(tmp_path / "set", LEARNED[:1], trials=4)
-    whole = _train(measured, tmp_path / "whole.toml")
+    uninterrupted = _train(measured, tmp_path / "whole.toml")
 
     def stop(what: str, done: int, total: int) -> None:
         if what == "matched" and done == 2:
@@ -310,18 +310,18 @@ def test_a_training_that_was_stopped_goes_on_and_ends_the_same(tmp_path: Path) -
     assert not (tmp_path / "again.toml").exists()
     with pytest.raises(InputError, match="plan differs"):
         _train(measured, tmp_path / "again.toml", plan=Regression(folds=2))
-    forward, told = Bending(), []
-    again = _train(measured, tmp_path / "again.toml", forward=forward, progress=lambda *said: told.append(said))
-    assert [done for what, done, _ in told if what == "matched"] == [3]
+    forward, steps = Bending(), []
+    again = _train(measured, tmp_path / "again.toml", forward=forward, progress=lambda *step: steps.append(step))
+    assert [done for what, done, _ in steps if what == "matched"] == [3]
     assert forward.asked < 4  # only what was held out, twice
     assert not (tmp_path / "again.training").exists()
-    first, second = (load_corrector(r.model) for r in (whole, again))
+    first, second = (load_corrector(r.model) for r in (uninterrupted, again))
     assert np.array_equal(first.seen, second.seen) and np.array_equal(first.unseen, second.unseen)
     with pytest.raises(Stopped):
         _train(measured, tmp_path / "other.toml", progress=stop)
-    told.clear()
-    _train(measured, tmp_path / "other.toml", plan=Regression(folds=2), force=True, progress=lambda *s: told.append(s))
-    assert [done for what, done, _ in told if what == "matched"] == [1, 2, 3]  # anew
+    steps.clear()
+    _train(measured, tmp_path / "other.toml", plan=Regression(folds=2), force=True, progress=lambda *s: steps.append(s))
+    assert [done for what, done, _ in steps if what == "matched"] == [1, 2, 3]  # anew
 
 
 def test_an_edited_model_is_refused(trained, tmp_path: Path) -> None:
@@ -352,14 +352,14 @@ def test_weights_that_are_none_are_refused(tmp_path: Path) -> None:
 def test_what_muscles_do_turns_over_with_the_cloth() -> None:
     design = build("basic", muscles=4)  # two in front, two behind
     one, other = (_basis(design, pressure) for pressure in ([100, 300, 50, 0], [50, 0, 100, 300]))
-    left_right = _basis(design, [300, 100, 0, 50])
+    mirrored = _basis(design, [300, 100, 0, 50])
     for k, name in enumerate(one.names[: one.curvature.shape[1]]):
         if name.startswith(("bending:", "curvature")):
             size = np.abs(one.curvature[:, k]).max()
             assert np.abs(one.curvature[:, k] + other.curvature[:, k]).max() <= 1e-3 * size + 1e-4, name
             signs = np.array([1, 1, -1])[:, None, None]
             assert (
-                np.abs(signs * one.curvature[:, k, :, :, ::-1] - left_right.curvature[:, k]).max() <= 1e-3 * size + 1e-4
+                np.abs(signs * one.curvature[:, k, :, :, ::-1] - mirrored.curvature[:, k]).max() <= 1e-3 * size + 1e-4
             )
     assert np.abs(one.strain - other.strain).max() < 1e-2
     assert 0 < one.anywhere.sum() < len(one.names)
@@ -380,8 +380,8 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
     for shift in (-2e-3, 0.0, 2e-3):  # as much as the cloth is thick: a front then lies where a back was
         moved = np.concatenate([(half + shift * normal.reshape(-1, 3)) for half in np.split(points, 2)])
         cloud, _ = Surface.of_faces(moved).sample(3000, rng)
-        found, count = offsets(middle, cloud + 0.4e-3 * rng.standard_normal(cloud.shape), design.fabric.thickness)
-        assert abs(np.average(found, weights=count) - shift) < 0.1e-3
+        offset, count = offsets(middle, cloud + 0.4e-3 * rng.standard_normal(cloud.shape), design.fabric.thickness)
+        assert abs(np.average(offset, weights=count) - shift) < 0.1e-3
         assert count.sum() > 0.9 * len(cloud)
 
 
@@ -419,9 +419,9 @@ def test_history_asks_for_what_there_is() -> None:
 
 def test_lag_has_its_closed_form() -> None:
     steps = PressureProgram(np.array([0.0, 0.1]), np.array([[100e3], [0.0]]), 0.3)
-    found = lagged(steps, np.array([0.05, 0.2]), 0.1)[:, 0]
+    pressure = lagged(steps, np.array([0.05, 0.2]), 0.1)[:, 0]
     at = 100e3 * (1 - np.exp(-1.0))
-    assert np.allclose(found, [100e3 * (1 - np.exp(-0.5)), at * np.exp(-1.0)])
+    assert np.allclose(pressure, [100e3 * (1 - np.exp(-0.5)), at * np.exp(-1.0)])
 
 
 def test_command_refuses_what_it_cannot_learn_from(run, hanging, folder: Path) -> None:

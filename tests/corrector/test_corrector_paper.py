@@ -60,7 +60,7 @@ def test_the_answer_is_a_cloud_from_the_sixth_frame_on(measured: Path, tmp_path:
 
 def test_a_training_that_was_stopped_ends_the_same(measured: Path, tmp_path: Path) -> None:
     plan = replace(small(), epochs=(3, 2))
-    whole = _train(measured, tmp_path / "whole.toml", plan=plan)
+    uninterrupted = _train(measured, tmp_path / "whole.toml", plan=plan)
 
     def stop(what: str, done: int, total: int) -> None:
         if "measured" in what and done == 2:
@@ -69,7 +69,7 @@ def test_a_training_that_was_stopped_ends_the_same(measured: Path, tmp_path: Pat
     with pytest.raises(Stopped):
         _train(measured, tmp_path / "again.toml", plan=plan, progress=stop)
     again = _train(measured, tmp_path / "again.toml", plan=plan)
-    first, second = (load_corrector(r.model).measured.state_dict() for r in (whole, again))
+    first, second = (load_corrector(r.model).measured.state_dict() for r in (uninterrupted, again))
     assert all(np.array_equal(first[name], second[name]) for name in first)
 
 

@@ -49,10 +49,10 @@ def example(channels: int = 2) -> TrialData:
 def test_written_set_reads_the_same(tmp_path: Path) -> None:
     designs = {"cross": build("cross"), "vertical": build("vertical")}
     new = [NewTrial("000", "cross", 0, "fit", example()), NewTrial("001", "vertical", 1, "test", example(3))]
-    said = {"name": "two", "description": "a test", "frame_rate": 10.0, "accuracy": Accuracy(0.03, 1.5)}
-    write_set(tmp_path / "set", designs, iter(new), **said)
+    about = {"name": "two", "description": "a test", "frame_rate": 10.0, "accuracy": Accuracy(0.03, 1.5)}
+    write_set(tmp_path / "set", designs, iter(new), **about)
     read = read_set(tmp_path / "set")
-    assert read.accuracy == said["accuracy"]
+    assert read.accuracy == about["accuracy"]
     assert (read.name, read.description, read.frame_rate, read.designs) == ("two", "a test", 10.0, designs)
     for trial, written in zip(read.trials, new, strict=True):
         assert (trial.name, trial.design_name, trial.order, trial.role) == (

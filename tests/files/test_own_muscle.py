@@ -70,12 +70,12 @@ def test_strips_cut_across_and_down_become_one_cloth(tmp_path: Path, run: Run) -
 
 
 def test_a_second_calibration_leaves_a_design_as_it_is(tmp_path: Path, run: Run) -> None:
-    own, mine = tmp_path / "own25.toml", tmp_path / "mine.toml"
-    assert run("calibrate", str(BENCH / "muscle"), "-o", str(own))[0] == 0
-    assert run("new", "basic", "--muscle-type", "OWN25", "--bench", str(own), "-o", str(mine))[0] == 0
+    bench_type, mine = tmp_path / "own25.toml", tmp_path / "mine.toml"
+    assert run("calibrate", str(BENCH / "muscle"), "-o", str(bench_type))[0] == 0
+    assert run("new", "basic", "--muscle-type", "OWN25", "--bench", str(bench_type), "-o", str(mine))[0] == 0
     before = read_design(mine)
-    assert run("calibrate", str(BENCH / "muscle"), "--fit", "000kpa,300kpa", "-o", str(own), "--force")[0] == 0
-    assert read_part(own).types["OWN25"].bench != before.muscle_types["OWN25"].bench
+    assert run("calibrate", str(BENCH / "muscle"), "--fit", "000kpa,300kpa", "-o", str(bench_type), "--force")[0] == 0
+    assert read_part(bench_type).types["OWN25"].bench != before.muscle_types["OWN25"].bench
     assert read_design(mine) == before
 
 

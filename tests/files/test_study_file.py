@@ -10,7 +10,7 @@ from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
 from fabdesign.study_files.study_file import MuscleChoice, StudyLimits, read_study
 
-WHOLE = """
+ALL_KEYS = """
 format = "fabdesign.study/1"
 kind = "optimize"
 design = "vertical.toml"
@@ -47,7 +47,7 @@ def study(folder: Path, text: str) -> Path:
 
 
 def test_every_key_is_read(folder: Path) -> None:
-    read = read_study(study(folder, WHOLE))
+    read = read_study(study(folder, ALL_KEYS))
     assert read.design == build("vertical")
     assert (read.name, read.seed, read.objective) == ("study", 4, "surface_rms")
     assert read.targets[0].file == folder / "target.ply"

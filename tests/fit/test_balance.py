@@ -88,23 +88,23 @@ def test_a_known_truth_is_led_to_in_one_go(data, forward, vector, balanced):
         "supply_droop.share": (0.0, 0.02),
         "muscle_gain": (np.log(1.1), 0.06),
     }
-    for name, (value, near) in truth.items():
-        assert abs(balanced.x[names.index(name)] - value) < near, name
+    for name, (value, tolerance) in truth.items():
+        assert abs(balanced.x[names.index(name)] - value) < tolerance, name
     creep = balanced.vector.part("muscle_creep")  # next to nothing, so that its time is not known
     assert balanced.x[creep[0]] < 0.02 and (deviation <= balanced.vector.prior * (1 + 1e-9)).all()
     assert (np.delete(deviation, creep[1:]) < np.delete(balanced.vector.prior, creep[1:])).all()
     problem = Fits(forward, 0.5e-3).problem(data, vector)
-    sheet, *near = problem.evaluate([np.zeros(len(vector.names)), *starts_of(vector, balanced)])
-    assert min(one.misfit.rms for one in near) < 1.3 * SIGMA < 0.1 * sheet.misfit.rms
+    sheet, *starts = problem.evaluate([np.zeros(len(vector.names)), *starts_of(vector, balanced)])
+    assert min(one.misfit.rms for one in starts) < 1.3 * SIGMA < 0.1 * sheet.misfit.rms
 
 
 def test_what_balance_needs_is_said_and_what_it_does_not_begins_at_nothing(vector, balanced):
-    found = {*needed(balanced.minimum, balanced.covariance, balanced.vector, NEEDED)}
-    assert found == {"orthotropy", "filling_lag", "registration_bias"}
+    needed_effects = {*needed(balanced.minimum, balanced.covariance, balanced.vector, NEEDED)}
+    assert needed_effects == {"orthotropy", "filling_lag", "registration_bias"}
     assert "air_drag" not in balanced.vector.labels  # a force without a tangent
     assert {*shown(balanced)} == {*balanced.vector.labels} and unneeded(balanced) == {"supply_droop"}
     worth = worth_fitting(vector, balanced)  # and what balance does not show
-    assert found | {"air_drag"} <= worth < {*vector.labels} == worth_fitting(vector, None)
+    assert needed_effects | {"air_drag"} <= worth < {*vector.labels} == worth_fitting(vector, None)
     rows = [dict(zip(vector.names, row, strict=True)) for row in starts_of(vector, balanced)]
     drag = vector.start[vector.names.index("air_drag.coefficient")]
     assert sorted(row["air_drag.coefficient"] for row in rows) == [0.0, 0.0, drag, drag, drag]
@@ -119,17 +119,17 @@ def test_what_balance_needs_is_said_and_what_it_does_not_begins_at_nothing(vecto
 def test_frames_too_far_apart_for_an_acceleration_have_none(data, seconds):
     trial = data.trials[0]
     seen = replace(trial.load(), time=np.arange(len(TIMES)) * seconds)
-    found = frames_around(trial, seen, np.ones(len(TIMES), bool), np.random.default_rng(0))
-    assert (found is None) == (seconds > 0.05)
+    frames = frames_around(trial, seen, np.ones(len(TIMES), bool), np.random.default_rng(0))
+    assert (frames is None) == (seconds > 0.05)
 
 
 def test_frames_beside_unused_ones_take_no_part(data):
     trial, used = data.trials[0], np.ones(len(TIMES), bool)
     used[12] = False
-    found = frames_around(trial, trial.load(), used, np.random.default_rng(0))
-    assert len(found.around) == FRAMES and not np.isin(found.sample.times, TIMES[12]).any()
-    assert np.diff(found.sample.times[found.around], axis=1) == pytest.approx(np.full((FRAMES, 4), 1 / 30))
-    assert (found.central.times == found.sample.times[found.around[:, HALF]]).all()
+    frames = frames_around(trial, trial.load(), used, np.random.default_rng(0))
+    assert len(frames.around) == FRAMES and not np.isin(frames.sample.times, TIMES[12]).any()
+    assert np.diff(frames.sample.times[frames.around], axis=1) == pytest.approx(np.full((FRAMES, 4), 1 / 30))
+    assert (frames.central.times == frames.sample.times[frames.around[:, HALF]]).all()
     used[::3] = False
     assert frames_around(trial, trial.load(), used, np.random.default_rng(0)) is None
 
@@ -145,7 +145,7 @@ def test_an_engine_without_balance_begins_where_the_vector_does(data, vector):
     assert (starts_of(vector.without_effects, None) == 0).all()
 
 
-def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, forward, vector):
+def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, vector):
     class Falling(Simulator):
         def balances(self, cases, courses, columns):
             return [
@@ -160,7 +160,7 @@ def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, for
 
 def test_a_balance_is_kept(data, forward, vector, balanced):
     """A resumed fit asks for one look at where the steps led, with what led the motions, not for the steps."""
-    kept, said = {}, []
+    kept, lines = {}, []
 
     class Kept:
         def arrays(self, name, compute):
@@ -169,11 +169,11 @@ def test_a_balance_is_kept(data, forward, vector, balanced):
                 kept[name] = compute()
             return kept[name]
 
-    fits = Fits(forward, 0.5e-3, checkpoint=Kept(), progress_of=lambda named, vector: lambda *line: said.append(line))
+    fits = Fits(forward, 0.5e-3, checkpoint=Kept(), progress_of=lambda named, vector: lambda *line: lines.append(line))
     first = fit_in_balance(data, fits, vector)
-    steps = len(said)
+    steps = len(lines)
     again = fit_in_balance(data, fits, vector)
-    assert 2 <= steps == len(said)
+    assert 2 <= steps == len(lines)
     for one in (first, again):
         assert (one.x == balanced.x).all() and (one.covariance == balanced.covariance).all()
 
@@ -202,8 +202,8 @@ def test_heights_of_a_cloud_are_those_of_the_cloth_that_was_seen(curled):
     seen = faces_of(curled + height[..., None] * normals(curled))
     cloud = seen[rng.choice(len(seen), 800)] + SIGMA * rng.standard_normal((800, 3))
     cloud[:20] += 0.02  # strays
-    found = match([Sample(None, np.array([0.1]), (cloud,))], [faces_of(curled)[None]])
-    [off] = heights(found, frames_of(found)[1], 21)
+    misfit = match([Sample(None, np.array([0.1]), (cloud,))], [faces_of(curled)[None]])
+    [off] = heights(misfit, frames_of(misfit)[1], 21)
     inner = np.s_[2:-3, 2:-2]
     assert np.sqrt(np.mean(np.square(off - height)[inner])) < 0.3e-3  # a tenth of the largest
 
@@ -218,13 +218,12 @@ def test_a_displacement_along_normals_is_completed_by_one_that_strains_no_edge(c
     true = np.repeat(np.concatenate([[np.zeros(3)], np.cumsum(steps, axis=0)])[:, None], 21, axis=1)
     normal = normals(curled)
     seen = (true * normal).sum(axis=-1, keepdims=True) * normal
-    found = Unstrained(curled)(seen)
-    down = found[1:] - found[:-1]
+    full = Unstrained(curled)(seen)
+    down = full[1:] - full[:-1]
     strain = np.abs((down * (curled[1:] - curled[:-1])).sum(axis=-1)) / 0.01**2
     strain_seen = np.abs(((seen[1:] - seen[:-1]) * (curled[1:] - curled[:-1])).sum(axis=-1)) / 0.01**2
     assert strain.max() < 0.05 * strain_seen.max()
     assert (
-        np.abs(found - seen - ((found - seen) * along[:, None]).sum(axis=-1, keepdims=True) * along[:, None]).max()
-        < 1e-4
+        np.abs(full - seen - ((full - seen) * along[:, None]).sum(axis=-1, keepdims=True) * along[:, None]).max() < 1e-4
     )
     assert Shape(faces_of(curled)).side == 41

@@ -31,7 +31,7 @@ from studies.calibration.calibrate import calibrate_sets as calibrate
 from studies.calibration.result import as_text
 from studies.fitting.fitted_model import engine_difference, interval_warnings, noise_rms
 from studies.measured.splits import Tolerance, fit_trials, sound_trials
-from tests.few_effects import few_effects
+from tests.restricted_effects import restrict_effects
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
 ONE_ENGINE = np.zeros(7)  # the clouds are the forward model's own
@@ -64,19 +64,6 @@ class Curler:
             frame[:, 1] *= 1 + 0.02 * f["areal_density"]
             frames.append(frame * (np.nan if self.loses and pressure > 3.9 and t > 0.65 else 1.0))
         return np.stack(frames).astype(np.float32)
-
-    def equilibria(self, cases):
-        raise NotImplementedError
-
-
-class Swinger(Curler):
-    """After half a second it swings, by an angle that turns over and over with the damping."""
-
-    def _motion(self, case, times):
-        frames = super()._motion(case, times)
-        turns = np.sin(27 * np.log(case.factors.get("damping", 1.0)))
-        frames[times > 0.5, :, 2] += (0.1 * turns * frames[times > 0.5, :, 1]).astype(np.float32)
-        return frames
 
 
 def write(folder, kilopascals, *, truth=TRUTH, seed=0, points=200, forward=None, times=TIMES):
@@ -132,12 +119,12 @@ def test_derivatives_are_those_of_moved_surfaces():
     points = faces(base, 0.002)
     cloud = NOISE.draw(Surface.of_faces(points[0]), 300, rng)
     sample = Sample(None, np.array([0.1]), (cloud,))  # the trial is not looked at
-    found = match([sample], [points])
-    predicted = derivatives(found, nodes_of(found, 41), [field[None]])[:, 0]
+    misfit = match([sample], [points])
+    predicted = derivatives(misfit, nodes_of(misfit, 41), [field[None]])[:, 0]
     h = 1e-6
     moved = [Surface.of_faces(faces(base + s * h * field, 0.002)[0]).nearest(cloud).signed for s in (1, -1)]
     difference = (moved[0] - moved[1]) / (2 * h)
-    smooth = np.abs(found.residual) > 1e-5
+    smooth = np.abs(misfit.residual) > 1e-5
     # points whose nearest triangle changes have a kink: few
     assert np.mean(np.abs(predicted - difference)[smooth] < 0.01) > 0.97
     assert np.abs(predicted).max() > 0.5
@@ -145,34 +132,34 @@ def test_derivatives_are_those_of_moved_surfaces():
 
 def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     lines = []
-    found = calibrate(
+    calibration = calibrate(
         exact(measured),
         Curler(),
         progress=lambda line, share: lines.append(line),
         options=CalibrationOptions(engines=ONE_ENGINE),
     )
-    f = {name: parameter.factor for name, parameter in found.model.parameters.items()}
+    f = {name: parameter.factor for name, parameter in calibration.model.parameters.items()}
     # the data fix gain x offset / bending and the delay; which of the three it is, only the data sheet could say
     assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
     assert f["damping"] == pytest.approx(1.3, rel=0.01)
     for name in ("bending", "muscle_gain", "axis_offset"):
-        low, high = found.model.parameters[name].interval90
+        low, high = calibration.model.parameters[name].interval90
         assert low < TRUTH[name] < high
-    low, high = found.model.parameters["shear"].interval90
+    low, high = calibration.model.parameters["shear"].interval90
     assert np.log(high / low) == pytest.approx(2 * NORMAL90 * PRIOR["shear"], rel=1e-6)
-    said = "\n".join(found.statements)
-    assert "shear: these data say little" in said
-    assert "muscle_gain" in said and "axis_offset" in said
-    assert found.fit.after == pytest.approx(np.hypot(0.0006, 0.010 * np.sqrt(0.003)), rel=0.15)
-    assert found.fit.before > 3 * found.fit.after
-    assert found.noise.sigma == pytest.approx(0.0006, rel=0.15)
-    assert found.fit.converged and lines
-    write_model(found.model, tmp_path / "model.toml")
+    statements = "\n".join(calibration.statements)
+    assert "shear: these data say little" in statements
+    assert "muscle_gain" in statements and "axis_offset" in statements
+    assert calibration.fit.after == pytest.approx(np.hypot(0.0006, 0.010 * np.sqrt(0.003)), rel=0.15)
+    assert calibration.fit.before > 3 * calibration.fit.after
+    assert calibration.noise.sigma == pytest.approx(0.0006, rel=0.15)
+    assert calibration.fit.converged and lines
+    write_model(calibration.model, tmp_path / "model.toml")
     again = read_model(tmp_path / "model.toml")
     assert again.provenance.fitted == ("curled/000", "curled/001", "curled/002", "curled/003")
     assert again.provenance.held_out == ("curled/004",)
-    assert "shear" in as_text(found)
-    assert set(found.to_json()["parameters"]) == set(PARAMETERS)
+    assert "shear" in as_text(calibration)
+    assert set(calibration.to_json()["parameters"]) == set(PARAMETERS)
 
 
 def test_ctrl_c_keeps_the_values_reached(measured):
@@ -192,18 +179,18 @@ def test_ctrl_c_keeps_the_values_reached(measured):
         interrupted("iteration 2")
     with pytest.raises(KeyboardInterrupt):  # before there are any
         interrupted("", interruptible=True)
-    found = interrupted("iteration 1", time=2, interruptible=True)  # frames far off then count less
-    assert found.fit.interrupted and not found.fit.converged and found.fit.iterations > 0
-    assert abs(np.log(found.model.parameters["damping"].factor / 1.3)) < 0.1  # begun at 1
-    assert found.fit.after < found.fit.before / 2
-    assert not any(p.reliable for p in found.model.parameters.values())
-    assert any("interrupted after" in line for line in found.warnings)
-    assert "interrupted after" in as_text(found) and "a likely cause" not in as_text(found)
-    assert found.to_json()["interrupted"]
+    calibration = interrupted("iteration 1", time=2, interruptible=True)  # frames far off then count less
+    assert calibration.fit.interrupted and not calibration.fit.converged and calibration.fit.iterations > 0
+    assert abs(np.log(calibration.model.parameters["damping"].factor / 1.3)) < 0.1  # begun at 1
+    assert calibration.fit.after < calibration.fit.before / 2
+    assert not any(p.reliable for p in calibration.model.parameters.values())
+    assert any("interrupted after" in line for line in calibration.warnings)
+    assert "interrupted after" in as_text(calibration) and "a likely cause" not in as_text(calibration)
+    assert calibration.to_json()["interrupted"]
     # the factors alone are whole, and the fit with an effect has hardly begun
-    found = interrupted("iteration 1", ("scale_error",), interruptible=True)
-    assert found.fit.interrupted and found.model.effects == ()
-    assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.02)
+    calibration = interrupted("iteration 1", ("scale_error",), interruptible=True)
+    assert calibration.fit.interrupted and calibration.model.effects == ()
+    assert calibration.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.02)
 
 
 def test_the_factors_alone_see_fewer_trials_than_the_last_fit(tmp_path, monkeypatch):
@@ -212,34 +199,34 @@ def test_the_factors_alone_see_fewer_trials_than_the_last_fit(tmp_path, monkeypa
     measured = write(
         tmp_path / "set", [100, 200, 300, 250, 150], forward=Predictor(Curler(), Model(effects=(late,)), sensing=True)
     )
-    vector, said = fit_vector(["time_offset"]), []
+    vector, lines = fit_vector(["time_offset"]), []
 
     def fitted(most):
         def progress(line, share):
-            if len(said) == most:
+            if len(lines) == most:
                 raise KeyboardInterrupt
-            said.append(line)
+            lines.append(line)
 
-        said.clear()
+        lines.clear()
         return calibrate(
             exact(measured), Curler(), vector=vector, progress=progress, options=CalibrationOptions(interruptible=True)
         )
 
-    whole = fitted(None)
-    interrupted = fitted(len(said) - 1)
-    for fit_ in (whole.fit, interrupted.fit):
+    uninterrupted = fitted(None)
+    interrupted = fitted(len(lines) - 1)
+    for fit_ in (uninterrupted.fit, interrupted.fit):
         assert (len(fit_.without_effects.by_trial), len(fit_.by_trial)) == (1, 2)
-        problem = FitProblem(whole.data.samples, Curler(), Curler(), vector)
+        problem = FitProblem(uninterrupted.data.samples, Curler(), Curler(), vector)
         there = problem.evaluate([vector.start])[0].misfit.residual  # of both trials
         assert fit_.before == pytest.approx(capped_rms(there), rel=1e-6)
         assert fit_.after < fit_.before / 2
-    assert interrupted.fit.interrupted and not whole.fit.interrupted
+    assert interrupted.fit.interrupted and not uninterrupted.fit.interrupted
 
 
 def test_effects_that_are_nothing_come_out_as_nothing_in_the_end(measured, monkeypatch, tmp_path):
     monkeypatch.setattr("studies.calibration.calibrate.EXCESS", 0.02)  # four trials of eight frames say little
-    said, parts = [], []
-    few_effects(monkeypatch, "time_offset", "scale_error", "dead_time")
+    messages, parts = [], []
+    restrict_effects(monkeypatch, "time_offset", "scale_error", "dead_time")
     model = Term("scale_error", {"scale": 0.0}), Term("air_drag", {"coefficient": 1.0})
 
     def fit_seen(problem, *arguments, **options):
@@ -247,24 +234,26 @@ def test_effects_that_are_nothing_come_out_as_nothing_in_the_end(measured, monke
         return fit(problem, *arguments, **options)
 
     monkeypatch.setattr("studies.fitting.fits.fit", fit_seen)
-    found = calibrate(
+    calibration = calibrate(
         exact(measured),
         Curler(),
         vector=fit_vector(["all"], terms=model),
-        progress=lambda line, share: said.append((line, share)),
+        progress=lambda line, share: messages.append((line, share)),
     )
-    assert found.fit.vector.terms[:2] == model  # fitted and held: what a model gave stays
+    assert calibration.fit.vector.terms[:2] == model  # fitted and held: what a model gave stays
     assert parts[-2] == () and {"dead_time", "time_offset"} < {*parts[-1]}  # without effects first
-    shares = [share for _, share in said]
+    shares = [share for _, share in messages]
     assert shares == sorted(shares) and shares[-1] < 1
-    names = found.fit.vector.names
+    names = calibration.fit.vector.names
     assert {"dead_time.delay", "time_offset.offset"} < {*names}
-    assert found.model.covariance.names == names
-    write_model(found.model, tmp_path / "model.toml")
+    assert calibration.model.covariance.names == names
+    write_model(calibration.model, tmp_path / "model.toml")
     effects = {effect.name: effect.parameters for effect in read_model(tmp_path / "model.toml").effects}
     offset = effects["time_offset"]["offset"]
     assert abs(offset.value) < 0.01 and -0.02 < offset.interval90[0] <= 0.0 <= offset.interval90[1] < 0.02
-    assert found.fit.without_effects is not None and found.fit.before == found.fit.without_effects.before
+    assert (
+        calibration.fit.without_effects is not None and calibration.fit.before == calibration.fit.without_effects.before
+    )
 
 
 def test_sets_and_designs_are_fitted_together(measured, tmp_path):
@@ -277,18 +266,18 @@ def test_sets_and_designs_are_fitted_together(measured, tmp_path):
     both = [measured, read_set(tmp_path / "two")]
     assert len(both[1].designs) == 2
     shares = []
-    found = calibrate(
+    calibration = calibrate(
         both,
         Curler(),
         progress=lambda line, share: shares.append(share),
         options=CalibrationOptions(orders=[0, 1], engines=ONE_ENGINE),
     )
-    origin = found.model.provenance
+    origin = calibration.model.provenance
     assert origin.sets == ("curled", "two")
     assert origin.fitted == ("curled/000", "curled/001", "two/000", "two/001")
     assert origin.held_out == ("curled/002", "curled/003", "curled/004")
     assert set(origin.hashes) == {f"{name}.npz" for name in origin.fitted}
-    f = {name: parameter.factor for name, parameter in found.model.parameters.items()}
+    f = {name: parameter.factor for name, parameter in calibration.model.parameters.items()}
     assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
     assert shares == sorted(shares) and 0 < shares[0] < shares[-1] <= 1
     with pytest.raises(InputError, match="set curled: given twice"):
@@ -308,7 +297,7 @@ def test_intervals_cover_over_repeats(tmp_path):
 
 def test_the_difference_between_engines_widens_what_the_data_determine(measured):
     alone = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE))
-    own = np.sqrt(np.diag(alone.fit.covariance))
+    deviations = np.sqrt(np.diag(alone.fit.covariance))
     for engines in (None, np.full(7, 0.05)):  # the virtual rig's, and one more
         widths = {
             name: np.log(p.interval90[1] / p.interval90[0]) / 3.29
@@ -317,10 +306,10 @@ def test_the_difference_between_engines_widens_what_the_data_determine(measured)
             ).model.parameters.items()
         }
         for k, name in enumerate(PARAMETERS):
-            share = 1 - (own[k] / PRIOR[name]) ** 2
+            share = 1 - (deviations[k] / PRIOR[name]) ** 2
             difference = engine_difference()[k] if engines is None else engines[k]
-            assert widths[name] == pytest.approx(np.hypot(own[k], share * difference), rel=1e-3)
-    assert widths["damping"] > 1.1 * own[PARAMETERS.index("damping")]  # well determined
+            assert widths[name] == pytest.approx(np.hypot(deviations[k], share * difference), rel=1e-3)
+    assert widths["damping"] > 1.1 * deviations[PARAMETERS.index("damping")]  # well determined
     assert widths["shear"] == pytest.approx(PRIOR["shear"], rel=1e-3)  # the data sheet's alone
 
 
@@ -328,8 +317,8 @@ def test_model_error_widens_intervals(measured, monkeypatch):
     """A wrong engine's residuals are alike over a whole trial: the intervals must not shrink with the points."""
 
     def width(lag, seed=0):
-        found = calibrate(measured, Curler(lag=lag), options=CalibrationOptions(engines=ONE_ENGINE, seed=seed))
-        low, high = found.model.parameters["damping"].interval90
+        calibration = calibrate(measured, Curler(lag=lag), options=CalibrationOptions(engines=ONE_ENGINE, seed=seed))
+        low, high = calibration.model.parameters["damping"].interval90
         return np.log(high / low)
 
     right, wrong = width(0.0), width(0.2)
@@ -361,9 +350,9 @@ def test_the_fine_engine_has_the_last_word(measured):
 def test_one_frame_of_a_cloth_at_rest_leaves_the_data_sheet(tmp_path):
     """Which is said once: no combinations of factors on which the data say little."""
     measured = write(tmp_path / "set", [0, 0], times=TIMES[:1])
-    found = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE))
-    assert [line.split(":")[0] for line in found.statements] == list(PARAMETERS)
-    assert found.fit.x == pytest.approx(np.zeros(7), abs=0.01)  # density sags it a little
+    calibration = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE))
+    assert [line.split(":")[0] for line in calibration.statements] == list(PARAMETERS)
+    assert calibration.fit.x == pytest.approx(np.zeros(7), abs=0.01)  # density sags it a little
 
 
 def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end():
@@ -378,16 +367,18 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
         samples, vector = (sample,), DECLARED
 
         def evaluate(self, xs):
-            left = [slopes @ (x - target) + noise for x in xs]
+            residuals = [slopes @ (x - target) + noise for x in xs]
             zeros = np.zeros(2400, np.intp)
-            return [Evaluation(x, Misfit(r, zeros, frame, frame // 200), []) for x, r in zip(xs, left, strict=True)]
+            return [
+                Evaluation(x, Misfit(r, zeros, frame, frame // 200), []) for x, r in zip(xs, residuals, strict=True)
+            ]
 
         def linearise(self, evaluation, along, old=None, fresh=None):
             return self.with_jacobian(evaluation, slopes / 1.95)
 
-    found = fit(Line(), FitStart(np.zeros(7)))
-    assert found.converged
-    assert found.x == pytest.approx(target, abs=0.01)
+    fit_ = fit(Line(), FitStart(np.zeros(7)))
+    assert fit_.converged
+    assert fit_.x == pytest.approx(target, abs=0.01)
 
 
 def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
@@ -397,8 +388,8 @@ def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
             return super().motions(cases, times)
 
     forward = Asked()
-    found = calibrate(measured, forward, options=CalibrationOptions(engines=ONE_ENGINE))
-    assert found.fit.by_trial == pytest.approx(np.full(4, np.hypot(0.0006, 0.010 * np.sqrt(0.003))), rel=0.4)
+    calibration = calibrate(measured, forward, options=CalibrationOptions(engines=ONE_ENGINE))
+    assert calibration.fit.by_trial == pytest.approx(np.full(4, np.hypot(0.0006, 0.010 * np.sqrt(0.003))), rel=0.4)
     assert forward.last == [len(TIMES)] * len(forward.last)  # other clocks would be other times
 
 
@@ -426,11 +417,11 @@ def test_noise_of_points_drawn_with_strays_is_what_it_is_taken_for():
 
 def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
     measured = write(tmp_path / "set", [100, 150, 250, 300, 200], forward=Curler(lag=0.9))
-    found = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE))
-    assert found.warnings
-    assert not found.to_json()["believable"]
-    assert "not reliable" in as_text(found) and "NOT reliable: the fit leaves" in as_text(found)
-    write_model(found.model, tmp_path / "model.toml")
+    calibration = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE))
+    assert calibration.warnings
+    assert not calibration.to_json()["believable"]
+    assert "not reliable" in as_text(calibration) and "NOT reliable: the fit leaves" in as_text(calibration)
+    write_model(calibration.model, tmp_path / "model.toml")
     assert not any(p.reliable for p in read_model(tmp_path / "model.toml").parameters.values())
 
 
@@ -442,28 +433,28 @@ def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
     def fitted():
         motions = Curler.motions
         monkeypatch.setattr(Curler, "motions", lambda self, c, t: asked.append(len(c)) or motions(self, c, t))
-        found = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE)).fit
+        fit_ = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE)).fit
         monkeypatch.setattr(Curler, "motions", motions)
         total = sum(asked)
         asked.clear()
-        return found, total
+        return fit_, total
 
-    near, few = fitted()
+    unrefined, unrefined_cases = fitted()
     monkeypatch.setattr("studies.fitting.fits.expected_rms", lambda noise, tolerance: 1.0)  # m: nothing is wrong
-    refined, many = fitted()
-    assert near.after > 2 * 0.8e-3
-    assert few < many and near.after < 1.05 * refined.after
+    refined, refined_cases = fitted()
+    assert unrefined.after > 2 * 0.8e-3
+    assert unrefined_cases < refined_cases and unrefined.after < 1.05 * refined.after
 
 
 def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     measured = write(tmp_path / "set", [100, 200, 395, 150])
-    found = calibrate(measured, Curler(loses=True))
-    assert found.fit.lost == (("002", pytest.approx(0.7)),)
-    assert "002: the motion diverged; left out from 0.70 s on" in as_text(found)
+    calibration = calibrate(measured, Curler(loses=True))
+    assert calibration.fit.lost == (("002", pytest.approx(0.7)),)
+    assert "002: the motion diverged; left out from 0.70 s on" in as_text(calibration)
     lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
-    assert found.fit.outlying == found.to_json()["outlying"] == pytest.approx(lost)
-    assert f"NOT reliable: {lost:.0%} of the frames fitted are far off" in as_text(found)
-    assert not any(p.reliable for p in found.model.parameters.values())
+    assert calibration.fit.outlying == calibration.to_json()["outlying"] == pytest.approx(lost)
+    assert f"NOT reliable: {lost:.0%} of the frames fitted are far off" in as_text(calibration)
+    assert not any(p.reliable for p in calibration.model.parameters.values())
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
     with pytest.raises(SimulationError, match="every motion"):
         calibrate(alone, Lost())
@@ -475,9 +466,9 @@ class Lost(Curler):
 
 
 def test_orders_choose_and_test_trials_are_refused(measured):
-    found = calibrate(measured, Curler(), options=CalibrationOptions(orders=[0, 2]))
-    assert found.model.provenance.fitted == ("curled/000", "curled/002")
-    assert found.model.provenance.held_out == ("curled/001", "curled/003", "curled/004")
+    calibration = calibrate(measured, Curler(), options=CalibrationOptions(orders=[0, 2]))
+    assert calibration.model.provenance.fitted == ("curled/000", "curled/002")
+    assert calibration.model.provenance.held_out == ("curled/001", "curled/003", "curled/004")
     with pytest.raises(InputError, match="role test"):
         calibrate(measured, Curler(), options=CalibrationOptions(orders=[4]))
 
@@ -510,9 +501,9 @@ def test_a_trial_with_its_faces_swapped_is_named_and_skipped_on_request(tmp_path
     rewrite(measured.trials[2], frames=tuple(c * (1, 1, -1) for c in measured.trials[2].load().frames))
     with pytest.raises(InputError, match=r"002\.npz: .* with front and back exchanged; expected the front at \+z"):
         calibrate(measured, Curler())
-    found = calibrate(measured, Curler(), options=CalibrationOptions(skip_bad=True))
-    assert [t.split("/")[-1] for t in found.model.provenance.fitted] == ["000", "001", "003"]
-    assert len(found.skipped) == 1 and "002.npz" in found.skipped[0] and "skipped: " in as_text(found)
+    calibration = calibrate(measured, Curler(), options=CalibrationOptions(skip_bad=True))
+    assert [t.split("/")[-1] for t in calibration.model.provenance.fitted] == ["000", "001", "003"]
+    assert len(calibration.skipped) == 1 and "002.npz" in calibration.skipped[0] and "skipped: " in as_text(calibration)
 
 
 @pytest.mark.parametrize("shift, way", [(0.15, "earlier"), (-0.1, "later")])
@@ -521,8 +512,8 @@ def test_a_trial_with_a_clock_of_its_own_is_named_and_skipped_on_request(tmp_pat
     rewrite(measured.trials[2], time=TIMES + shift)
     with pytest.raises(InputError, match=rf"002\.npz: agrees .* s {way} than the other trials do.*its clock differs"):
         calibrate(measured, Curler())
-    found = calibrate(measured, Curler(), options=CalibrationOptions(skip_bad=True))
-    assert len(found.skipped) == 1 and "002.npz" in found.skipped[0]
+    calibration = calibrate(measured, Curler(), options=CalibrationOptions(skip_bad=True))
+    assert len(calibration.skipped) == 1 and "002.npz" in calibration.skipped[0]
 
 
 def test_a_lag_that_all_trials_share_is_no_clock(tmp_path):
@@ -551,14 +542,14 @@ def test_sensitive_stretches_are_named_and_left_out(tmp_path):
     other.side = -1.0  # the measured cloth fell to the other side
     measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
     blind = calibrate(exact(measured), Coin(), options=CalibrationOptions(engines=ONE_ENGINE))
-    found = calibrate(exact(measured), Coin(), options=CalibrationOptions(coarse=Coin(), engines=ONE_ENGINE))
-    [stretch] = found.used.stretches
+    calibration = calibrate(exact(measured), Coin(), options=CalibrationOptions(coarse=Coin(), engines=ONE_ENGINE))
+    [stretch] = calibration.used.stretches
     assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
-    assert found.used.share_left_out == pytest.approx(5 / 32, abs=2 / 32)
-    assert "left out as sensitive" in as_text(found) and "003" in as_text(found)
-    assert found.to_json()["unjudged"][0]["trial"] == "003"
-    assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
-    assert found.fit.after < 0.5 * blind.fit.after
+    assert calibration.used.share_left_out == pytest.approx(5 / 32, abs=2 / 32)
+    assert "left out as sensitive" in as_text(calibration) and "003" in as_text(calibration)
+    assert calibration.to_json()["unjudged"][0]["trial"] == "003"
+    assert calibration.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
+    assert calibration.fit.after < 0.5 * blind.fit.after
     assert blind.used.stretches is None
 
 

@@ -72,9 +72,11 @@ def test_two_effects_are_found_among_four(tmp_path):
         tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=300, rng=rng, effects=PUT_IN
     )
     vector = fit_vector(["rest_curvature.down", "filling_lag.fill", "air_drag", "orthotropy"])
-    found = calibrate(measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names))))
-    at = {p.name: p.value(x) for p, x in zip(vector.parameters, found.fit.x, strict=True)}
-    assert found.fit.after < 0.7e-3 < found.fit.without_effects.after / 2
+    calibration = calibrate(
+        measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names)))
+    )
+    at = {p.name: p.value(x) for p, x in zip(vector.parameters, calibration.fit.x, strict=True)}
+    assert calibration.fit.after < 0.7e-3 < calibration.fit.without_effects.after / 2
     assert abs(at["rest_curvature.down"] - CURL) < 0.2
     assert abs(at["filling_lag.fill"] - FILL) < 0.03
 
@@ -93,9 +95,11 @@ def test_what_is_learned_on_one_layout_is_what_happens_on_another(tmp_path):
     )  # fmt: skip
     held = [name for name in PARAMETERS if name != "muscle_gain"]
     vector = fit_vector(["learned.down", "learned.quick", "learned.stroke"], held)
-    found = calibrate(measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names))))
+    calibration = calibrate(
+        measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names)))
+    )
     case = Case(other, program(other))
-    learned = replace(case, factors=found.model.factors, effects=found.model.terms)
+    learned = replace(case, factors=calibration.model.factors, effects=calibration.model.terms)
     plain, learned, true = (
         motion.middle for motion in forward.run([case, learned, replace(case, effects=PUT_IN)], [TIMES] * 3)
     )

@@ -25,8 +25,8 @@ def test_the_truth_comes_back(tmp_path):
     measured = simulated_set(
         tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=1000, rng=rng, factors=TRUTH
     )
-    found = calibrate(measured, forward, options=CalibrationOptions(engines=np.zeros(7))).fit
-    error = found.x - np.log([TRUTH[name] for name in PARAMETERS])
-    assert found.converged
-    assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance)) + 0.01).all()
+    fit = calibrate(measured, forward, options=CalibrationOptions(engines=np.zeros(7))).fit
+    error = fit.x - np.log([TRUTH[name] for name in PARAMETERS])
+    assert fit.converged
+    assert (np.abs(error) < 3 * np.sqrt(np.diag(fit.covariance)) + 0.01).all()
     assert np.abs(error).max() < 0.08

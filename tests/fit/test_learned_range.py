@@ -34,19 +34,19 @@ def test_a_calibration_keeps_how_far_what_it_learned_from_goes(tmp_path: Path) -
     measured = write(tmp_path / "set", [100, 300, 200, 150], times=TIMES[:5])
     held = [name for name in PARAMETERS if name not in ("bending", "damping")]
     forward, engines = Stroker(), np.zeros(3)
-    found = calibrate(
+    model = calibrate(
         measured, forward, vector=fit_vector(["learned.stroke"], held), options=CalibrationOptions(engines=engines)
     ).model
     channels = measured.designs["cross"].channels
-    assert found.learned_range == LearnedRange(300e3, 3e6, channels)  # of role fit, steps
-    write_model(found, tmp_path / "m.toml")
-    assert read_model(tmp_path / "m.toml") == found
-    [line] = extrapolated(found, [constant_program([400e3] * channels)])
+    assert model.learned_range == LearnedRange(300e3, 3e6, channels)  # of role fit, steps
+    write_model(model, tmp_path / "m.toml")
+    assert read_model(tmp_path / "m.toml") == model
+    [line] = extrapolated(model, [constant_program([400e3] * channels)])
     assert line == (
         "beyond what the model has learned: pressures up to 400 kPa; learned from up to 300 kPa, "
         "rates up to 4000 kPa/s; learned from up to 3000 kPa/s"
     )
-    assert not extrapolated(found, [trial.program for trial in measured.trials])
+    assert not extrapolated(model, [trial.program for trial in measured.trials])
     plain = calibrate(
         measured, forward, vector=fit_vector([], held), options=CalibrationOptions(engines=engines[:2])
     ).model
@@ -54,14 +54,14 @@ def test_a_calibration_keeps_how_far_what_it_learned_from_goes(tmp_path: Path) -
 
 
 def test_each_quantity_is_told_by_itself() -> None:
-    def said(last: list[float], rise: float) -> str | None:
+    def sentence(last: list[float], rise: float) -> str | None:
         return RANGE.beyond([rising_program(np.array(last), rise, 1.5)])
 
-    assert said([350e3, 0.0, 0.0], 1.0) is None
-    assert said([0.0, 350e3, 0.0], 0.5) == (
+    assert sentence([350e3, 0.0, 0.0], 1.0) is None
+    assert sentence([0.0, 350e3, 0.0], 0.5) == (
         "beyond what the model has learned: rates up to 700 kPa/s; learned from up to 400 kPa/s"
     )
-    assert said([50e3, 50e3, 50e3], 1.0) == (
+    assert sentence([50e3, 50e3, 50e3], 1.0) == (
         "beyond what the model has learned: up to 3 channels at once; learned from up to 2"
     )
     every = RANGE.beyond([constant_program([400e3, 1e3, 1e3]), constant_program([1e3, 1e3, 1e3])])

@@ -32,9 +32,9 @@ def test_information_is_that_of_a_block_s_whole_covariance():
     rng = np.random.default_rng(0)
     jacobian, errors = rng.normal(0, 5e-3, (BLOCKS * POINTS, 3)), rng.normal(0, 1e-3, (BLOCKS * POINTS, 2))
     residual = np.clip(rng.normal(0, SIGMA, BLOCKS * POINTS), -SIGMA, SIGMA)  # none counts less
-    own = vector(3)
+    unknowns = vector(3)
     normal = normal_equations(
-        linearised(jacobian, residual), np.zeros(3), own,
+        linearised(jacobian, residual), np.zeros(3), unknowns,
         InputErrors(errors, np.zeros(len(errors))),
     )  # fmt: skip
     assert normal.capped
@@ -42,8 +42,8 @@ def test_information_is_that_of_a_block_s_whole_covariance():
     for k in range(BLOCKS):
         rows = slice(k * POINTS, (k + 1) * POINTS)
         j, u = jacobian[rows], errors[rows]
-        whole = POINTS / MODES * normal.scale**2 * np.eye(POINTS) + u @ u.T
-        expected += j.T @ np.linalg.solve(whole, j)
+        covariance = POINTS / MODES * normal.scale**2 * np.eye(POINTS) + u @ u.T
+        expected += j.T @ np.linalg.solve(covariance, j)
     assert normal.information == pytest.approx(expected, rel=1e-6)
 
 
@@ -54,9 +54,9 @@ def test_what_looks_like_an_error_of_the_inputs_is_known_as_well_as_these_at_any
     rng = np.random.default_rng(1)
     pattern = rng.normal(0, size, BLOCKS * POINTS)
     residual = np.clip(rng.normal(0, SIGMA, BLOCKS * POINTS), -SIGMA, SIGMA)
-    own = vector(1)
+    unknowns = vector(1)
     normal = normal_equations(
-        linearised(pattern[:, None], residual), np.zeros(1), own,
+        linearised(pattern[:, None], residual), np.zeros(1), unknowns,
         InputErrors(0.01 * pattern[:, None], np.zeros(len(pattern))),
     )  # fmt: skip
     known = float(normal.information[0, 0]) ** -0.5

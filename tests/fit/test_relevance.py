@@ -26,11 +26,13 @@ def test_one_unknown_has_the_evidence_of_the_closed_form():
     """Of data that are z deviations from nothing: (z^2 - 1 - log z^2) / 2, where z is over one (Tipping 2001)."""
     columns = np.linalg.qr(np.random.default_rng(1).standard_normal((200, 4)))[0] * 30
     fit, data = fit_of(columns, np.array([0.1, 0.2, 0.15, 0.0]))
-    found = evidence(fit, GROUPS)
+    group_evidence = evidence(fit, GROUPS)
     for name, (k,) in GROUPS.items():
         z = float(columns[:, k] @ data) / 30
-        assert found[name] == pytest.approx(max(0.5 * (z**2 - 1 - np.log(z**2)), 0.0) if abs(z) > 1 else 0.0, abs=1e-3)
-    assert found["curl"] > 8 and found["droop"] < 1
+        assert group_evidence[name] == pytest.approx(
+            max(0.5 * (z**2 - 1 - np.log(z**2)), 0.0) if abs(z) > 1 else 0.0, abs=1e-3
+        )
+    assert group_evidence["curl"] > 8 and group_evidence["droop"] < 1
 
 
 def test_of_two_that_do_the_same_one_is_left():
@@ -38,8 +40,8 @@ def test_of_two_that_do_the_same_one_is_left():
     columns = np.random.default_rng(2).standard_normal((300, 4))
     columns[:, 2] = columns[:, 1] + 0.02 * columns[:, 2]
     fit, _ = fit_of(columns, np.array([0.1, 1.5, 0.0, 0.0]))
-    found = evidence(fit, GROUPS)
-    assert sorted(found.values())[1] < 8 < max(found.values())
+    group_evidence = evidence(fit, GROUPS)
+    assert sorted(group_evidence.values())[1] < 8 < max(group_evidence.values())
     together = evidence(fit, {"both": np.array([1, 2]), "droop": np.array([3])})
     assert together["both"] > 100 and together["droop"] < 4
 

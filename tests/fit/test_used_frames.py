@@ -27,8 +27,8 @@ class Buckler:
         curl = pressure.max() / 100e3 * case.factors["muscle_gain"] / case.factors["bending"]
         frames = []
         for t in times:
-            near = pressure.min() > 250e3 and 0.3 < t < 1.0
-            frames.append(rolled_sheet((np.sign(tilt + 1e-9) if near else 1.0) * curl + 0.1 * tilt, n=9))
+            buckled = pressure.min() > 250e3 and 0.3 < t < 1.0
+            frames.append(rolled_sheet((np.sign(tilt + 1e-9) if buckled else 1.0) * curl + 0.1 * tilt, n=9))
         return np.stack(frames).astype(np.float32)
 
 
@@ -42,14 +42,14 @@ def searched(trials, forward, **how):
 
 
 def test_only_the_stretch_that_buckles_to_either_side_is_left_out(trials):
-    told = []
-    used = searched(trials, Buckler(), progress=lambda done, total: told.append((done, total)))
-    found = used.stretches
-    assert [s.trial for s in found] == ["002"]
-    assert found[0].begin == pytest.approx(0.3, abs=0.11)
-    assert found[0].end == pytest.approx(1.0, abs=0.11)
-    assert told[0] == (18, 18)  # two draws of each trial, three motions a draw
-    assert told[-1] == (24, 24)  # two more where they part
+    counts = []
+    used = searched(trials, Buckler(), progress=lambda done, total: counts.append((done, total)))
+    stretches = used.stretches
+    assert [s.trial for s in stretches] == ["002"]
+    assert stretches[0].begin == pytest.approx(0.3, abs=0.11)
+    assert stretches[0].end == pytest.approx(1.0, abs=0.11)
+    assert counts[0] == (18, 18)  # two draws of each trial, three motions a draw
+    assert counts[-1] == (24, 24)  # two more where they part
     assert used.share_left_out == pytest.approx(0.7 / 1.5 / 3, abs=0.07)
     assert "002 0." in used.in_words
 
@@ -74,24 +74,24 @@ def test_one_search_serves_all_and_is_never_kept_in_the_set(trials, tmp_path, mo
     monkeypatch.setenv("FABDESIGN_CACHE", str(tmp_path))
     before = sorted(trials[0].file.parents[1].rglob("*"))
     first, again = Counter(), Counter()
-    found = searched(trials, first).stretches
-    assert searched(trials, again).stretches == found
+    stretches = searched(trials, first).stretches
+    assert searched(trials, again).stretches == stretches
     assert sum(first.count) == 24 and not again.count
     assert sorted(trials[0].file.parents[1].rglob("*")) == before
     for file in tmp_path.rglob("*.json"):
         file.write_text("[[0.1")  # damaged: searched again
-    assert searched(trials[2:], again).stretches == found and sum(again.count) == 12
+    assert searched(trials[2:], again).stretches == stretches and sum(again.count) == 12
 
 
-def test_several_sets_stretches_are_named_by_set_and_trial(trials, tmp_path):
-    found = write(tmp_path / "set", [100, 200, 300], forward=None, times=TIMES)
-    sets = [dataclasses.replace(found, name=name) for name in ("first", "second")]
+def test_several_sets_stretches_are_named_by_set_and_trial(tmp_path):
+    measured = write(tmp_path / "set", [100, 200, 300], forward=None, times=TIMES)
+    sets = [dataclasses.replace(measured, name=name) for name in ("first", "second")]
     used = find_used_frames([(sets[0], sets[0].trials[:1]), (sets[1], sets[1].trials)], Buckler())
     [stretch] = used.stretches
     assert plain(stretch)["set"] == "second" and "second/002 0." in used.in_words
-    assert used.at(sets[0], found.trials[2]).all() and not used.at(sets[1], found.trials[2]).all()
+    assert used.at(sets[0], measured.trials[2]).all() and not used.at(sets[1], measured.trials[2]).all()
     assert used.share_left_out == pytest.approx(0.7 / 1.5 / 4, abs=0.05)
-    assert plain(find_used_frames([(found, found.trials)], None)) == {"unjudged": None, "share_unjudged": 0.0}
+    assert plain(find_used_frames([(measured, measured.trials)], None)) == {"unjudged": None, "share_unjudged": 0.0}
 
 
 def test_a_motion_that_diverges_is_left_out():

@@ -25,7 +25,7 @@ from studies.rig import GroundTruth, RigSession, run_rig
 from studies.rig.scene import Resolution
 
 DESIGN = build("basic")
-FEW = 4
+FRAMES = 4
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +42,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def copy(recording: Path, tmp_path: Path) -> Path:
-    """The recording's first FEW frames, to be spoilt."""
+    """The recording's first FRAMES frames, to be spoilt."""
     folder = Path(shutil.copytree(recording, tmp_path / "recording"))
     text = (folder / "recording.toml").read_text()
     start, end = text.index("times = ["), text.index("]", text.index("times = ["))
-    times = text[start:end].split(", ")[:FEW]
+    times = text[start:end].split(", ")[:FRAMES]
     (folder / "recording.toml").write_text(text[:start] + ", ".join(times) + text[end:])
     return folder
 
@@ -138,7 +138,7 @@ def millimetres(folder: Path) -> None:
 
 
 def late(folder: Path) -> None:
-    for index in range(FEW - 1, 0, -1):
+    for index in range(FRAMES - 1, 0, -1):
         shutil.copy(frame_file(folder, index - 1, "front_left"), frame_file(folder, index, "front_left"))
 
 
@@ -181,7 +181,7 @@ def three(copy: Path, tmp_path: Path) -> list[Path]:
     for name, folder in zip(("first", "second", "wider"), folders, strict=True):
         text = (folder / "recording.toml").read_text().replace('name = "recording"', f'name = "{name}"', 1)
         kept = [
-            line if not line.startswith("times") else line.rsplit(",", FEW - 2)[0] + "]" for line in text.split("\n")
+            line if not line.startswith("times") else line.rsplit(",", FRAMES - 2)[0] + "]" for line in text.split("\n")
         ]
         (folder / "recording.toml").write_text("\n".join(kept))
     design = folders[2] / "basic.toml"

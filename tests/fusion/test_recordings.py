@@ -52,7 +52,7 @@ NAMES = ("front_left", "front_right", "back_left", "back_right")
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def ten_instants(monkeypatch: pytest.MonkeyPatch) -> None:
     """Poses and clocks by fewer instants: quick."""
     monkeypatch.setattr("studies.fusion.stamped.JOINT", 10)
 
@@ -72,10 +72,10 @@ def test_a_recording_becomes_a_set(tmp_path: Path) -> None:
     made = dict(cameras())
     made["front_right"] = made["front_right"].without(20, 30)
     made["back_left"] = made["back_left"].without(25)
-    left = made["front_left"]
-    again = np.insert(np.arange(len(left.true)), 15, 14)  # its image stands twice, with the stamp of the next one
-    stamps = np.insert(left.stamps, 15, left.stamps[14] + 0.016)
-    made["front_left"] = Camera(left.nominal, left.pose, left.true[again], stamps, left.depth[again])
+    camera = made["front_left"]
+    again = np.insert(np.arange(len(camera.true)), 15, 14)  # its image stands twice, with the stamp of the next one
+    stamps = np.insert(camera.stamps, 15, camera.stamps[14] + 0.016)
+    made["front_left"] = Camera(camera.nominal, camera.pose, camera.true[again], stamps, camera.depth[again])
     report = fuse(write(tmp_path / "recording", made), tmp_path / "set", points=1200)
     assert report.timing is not None
     timing = report.timing.sensors
@@ -184,7 +184,7 @@ def test_check_reads_a_recording_of_images(tmp_path: Path) -> None:
     folder = write(tmp_path / "recording", {name: cameras()[name] for name in NAMES})
     assert inspect(folder / "recording.toml").problems == ()
     text = (folder / "recording.toml").read_text()
-    for wrong, said in (
+    for wrong, message in (
         (text.replace('images = "front_left.npz"', 'images = "front_left.npz"\nbag = "a.bag"'), "expected one of them"),
         (text.replace('images = "front_left.npz"', 'bag = "a.zip"'), r"a file \.bag or \.db3"),
         (text.replace('images = "front_left.npz"', ""), "expected one kind"),
@@ -192,7 +192,7 @@ def test_check_reads_a_recording_of_images(tmp_path: Path) -> None:
         (text.replace("[[sensors]]", "[pressure]\nper_volt = [0.0]\n[[sensors]]", 1), "kPa per V"),
     ):
         (folder / "recording.toml").write_text(wrong)
-        with pytest.raises(InputError, match=said) as refused:
+        with pytest.raises(InputError, match=message) as refused:
             read_recording(folder)
         assert "\n" not in str(refused.value)
 

@@ -32,10 +32,10 @@ def test_points_and_triangles_near_and_far(off):
     rng = np.random.default_rng(0)
     surface = Surface.of_faces(rolled_sheet(6.0, n=11))
     points = SensorNoise(0.0006, 0.05, 0.02).draw(surface, 200, rng) + [0, off, off]
-    found = Cells.of_points(surface.vertices).nearest(points)
+    nearest = Cells.of_points(surface.vertices).nearest(points)
     distance, index = cKDTree(surface.vertices).query(points)
-    np.testing.assert_allclose(np.sqrt(found.squared), distance, rtol=1e-12)
-    assert np.mean(found.item == index) > 0.99  # a tie goes to any
+    np.testing.assert_allclose(np.sqrt(nearest.squared), distance, rtol=1e-12)
+    assert np.mean(nearest.item == index) > 0.99  # a tie goes to any
     np.testing.assert_allclose(surface.distance(points), slow_to_surface(points, surface), atol=1e-12)
 
 
@@ -48,9 +48,9 @@ def test_clouds_without_extent(cloud):
 def test_what_is_farther_than_asked_is_infinitely_far():
     surface = Surface.of_faces(rolled_sheet(6.0, n=11))
     points = surface.vertices[::20] + np.linspace(0, 0.05, 13)[:, None] * [0, 0, 1]
-    full, near = surface.distance(points), surface.distance(points, within=CAP)
+    full, within_cap = surface.distance(points), surface.distance(points, within=CAP)
     assert 2 < np.sum(full < CAP) < len(full) - 2
-    np.testing.assert_array_equal(near, np.where(full < CAP, full, np.inf))
+    np.testing.assert_array_equal(within_cap, np.where(full < CAP, full, np.inf))
 
 
 @pytest.mark.parametrize("off", [0.05, 3.0, 1e6, 1e30])
@@ -62,9 +62,9 @@ def test_points_beyond_every_cell_are_farther_than_asked(off):
     points = np.concatenate([[0.1, -0.1, 0.0] + off * np.array(s) * np.eye(3) for s in (1.0, -1.0)])
     for sheet in (flat.T, rolled_sheet(6.0, n=41)[: 41**2]):
         surface = Surface.of_faces(np.concatenate([sheet + [0, 0, 0.001], sheet - [0, 0, 0.001]]))
-        near = surface.distance(points, within=CAP)
+        within_cap = surface.distance(points, within=CAP)
         full = surface.distance(points)
-        np.testing.assert_array_equal(near, np.where(full < CAP, full, np.inf))
+        np.testing.assert_array_equal(within_cap, np.where(full < CAP, full, np.inf))
 
 
 def test_a_search_ends_whatever_is_asked():
@@ -97,7 +97,7 @@ def test_errors_of_a_trial_are_those_computed_slowly():
     rng, noise = np.random.default_rng(1), SensorNoise(0.0006, 0.01, 0.012)
     motion = np.stack([rolled_sheet(c, n=9) for c in (0.0, 4.0)])
     clouds = [noise.draw(Surface.of_faces(frame), 150, rng) + [0, 0, 0.003] for frame in motion]
-    found = trial_errors(clouds, motion, noise, seed=5)
+    errors = trial_errors(clouds, motion, noise, seed=5)
 
     def slow(cloud, model):
         there, back = cKDTree(model).query(cloud)[0], cKDTree(cloud).query(model)[0]
@@ -109,5 +109,5 @@ def test_errors_of_a_trial_are_those_computed_slowly():
     drawn = [noise.draw(Surface.of_faces(motion[k // 10]), 150, again, offsets[k]) for k in range(DRAWS)]
     floors = [slow(cloud, motion[k // 10]) for k, cloud in enumerate(drawn)]
     expected = *np.mean([slow(c, m) for c, m in zip(clouds, motion, strict=True)], axis=0), *np.mean(floors, axis=0)
-    got = found.chamfer, found.surface_rms, found.chamfer_floor, found.surface_floor
+    got = errors.chamfer, errors.surface_rms, errors.chamfer_floor, errors.surface_floor
     np.testing.assert_allclose(got, expected, rtol=1e-9)

@@ -43,8 +43,8 @@ class Grid:
 @pytest.mark.parametrize(("apart", "points"), [(0.00009, 41), (0.00011, 61), (np.nan, 61)])
 def test_the_most_driven_trial_decides(apart, points):
     lines, Grid.asked = [], []
-    found = enough_points(MODEL, TRIALS, lambda side: Grid(side, apart), tell=lines.append)
-    assert isinstance(found, ByDesign) == (points == 41)
+    forward = enough_points(MODEL, TRIALS, lambda side: Grid(side, apart), tell=lines.append)
+    assert isinstance(forward, ByDesign) == (points == 41)
     assert Grid.asked == [220e3, 220e3]
     assert len(lines) == 1 and f"grid: {points} points a side for cross" in lines[0] and "011 moves" in lines[0]
 
@@ -53,15 +53,15 @@ def test_a_design_that_differs_keeps_the_fine_grid_for_itself():
     other = build("side")
     calm = [trial(f"1{k:02d}", 100.0, "side", other) for k in range(12)]
     lines = []
-    found = enough_points(MODEL, [*TRIALS, *calm], lambda side: Grid(side, 0.0002), tell=lines.append)
-    assert found.calm == (other,) and len(lines) == 2
+    forward = enough_points(MODEL, [*TRIALS, *calm], lambda side: Grid(side, 0.0002), tell=lines.append)
+    assert forward.calm == (other,) and len(lines) == 2
     driven = [Case(design, TRIALS[-1].program, {"muscle_gain": 0.9}) for design in (other, DESIGN, other)]
-    shifts = [motion[0, 0, 2] - rolled_sheet(n=5)[0, 2] for motion in found.motions(driven, [np.zeros(1)] * 3)]
+    shifts = [motion[0, 0, 2] - rolled_sheet(n=5)[0, 2] for motion in forward.motions(driven, [np.zeros(1)] * 3)]
     assert np.allclose(shifts, [0.0002, 0.0, 0.0002])
 
 
 def test_nothing_is_tried_for_few_trials_or_on_the_coarser_grid():
     for model, some, points in ((MODEL, TRIALS[:5], 61), (Model(), TRIALS, 41)):
         asked = []
-        found = enough_points(model, some, lambda side, asked=asked: asked.append(side) or Grid(side, 0.0))
-        assert isinstance(found, Grid) and asked == [points]
+        forward = enough_points(model, some, lambda side, asked=asked: asked.append(side) or Grid(side, 0.0))
+        assert isinstance(forward, Grid) and asked == [points]

@@ -39,8 +39,8 @@ def test_chamfer_floor_is_the_one_that_formats_states(count, stated):
 def test_normal_errors_make_the_stated_chamfer(error, stated):
     model, rng = rolled_sheet(), np.random.default_rng(0)
     draws = [NOISE.draw(Surface.of_faces(model), 3362, rng) for _ in range(8)]
-    found = np.mean([1e3 * chamfer(drawn, model + [0, 0, error / 1e3]) for drawn in draws])
-    assert found == pytest.approx(stated, rel=0.015)
+    mean_chamfer = np.mean([1e3 * chamfer(drawn, model + [0, 0, error / 1e3]) for drawn in draws])
+    assert mean_chamfer == pytest.approx(stated, rel=0.015)
 
 
 def test_surface_floor_is_the_noise_and_its_strays():
@@ -141,14 +141,14 @@ def test_points_beyond_the_cap_are_counted_and_said():
     face = np.stack([*np.meshgrid(np.linspace(-0.1, 0.1, 20), np.linspace(-0.2, 0, 20)), np.full((20, 20), 1e-3)], -1)
     face = face.reshape(-1, 3)
     model = np.concatenate([face, face * [1, 1, -1]])
-    found = []
+    errors = []
     for far in (0.011, 0.030):
         cloud = face.copy()
         cloud[:120, 2] += far
-        found.append(trial_errors([cloud], model[None], NOISE))
-        assert found[-1].beyond == pytest.approx(0.3)
-    assert found[0].surface_rms == pytest.approx(found[1].surface_rms)
-    assert found[0].surface_rms == pytest.approx(0.010 * np.sqrt(0.3))
+        errors.append(trial_errors([cloud], model[None], NOISE))
+        assert errors[-1].beyond == pytest.approx(0.3)
+    assert errors[0].surface_rms == pytest.approx(errors[1].surface_rms)
+    assert errors[0].surface_rms == pytest.approx(0.010 * np.sqrt(0.3))
     assert beyond_in_words(0.3).startswith(
         "30.0% of the points lie more than 10 mm off; the surface RMS is capped there"
     )

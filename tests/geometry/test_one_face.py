@@ -39,16 +39,16 @@ def halves(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
 @pytest.mark.parametrize("face", [0, 1])
 def test_a_face_is_compared_with_that_face(face: int) -> None:
     points, name = shape(), ("front", "back")[face]
-    own, other = halves(points)[face], halves(points)[1 - face]
-    assert Objective([Target(own, face=name)]).value(points[None]) == 0.0
+    face_points, other = halves(points)[face], halves(points)[1 - face]
+    assert Objective([Target(face_points, face=name)]).value(points[None]) == 0.0
     far = Objective([Target(other, face=name)]).value(points[None])
-    assert far == pytest.approx(chamfer(other, own))
+    assert far == pytest.approx(chamfer(other, face_points))
     flat = shape(np.zeros(3))
     assert distance_to_faces(halves(flat)[1 - face], flat, name) == pytest.approx(DESIGN.fabric.thickness, rel=0.01)
-    [found] = [trial_errors([own], points[None], NOISE_FREE, CloudKind(face=name), draws=2)]
-    assert found.chamfer == 0.0 and found.surface_rms < 1e-9
-    both = trial_errors([own], points[None], NOISE_FREE, draws=2)
-    assert both.chamfer_floor < found.chamfer_floor  # the other face's points are near as well
+    [errors] = [trial_errors([face_points], points[None], NOISE_FREE, CloudKind(face=name), draws=2)]
+    assert errors.chamfer == 0.0 and errors.surface_rms < 1e-9
+    both = trial_errors([face_points], points[None], NOISE_FREE, draws=2)
+    assert both.chamfer_floor < errors.chamfer_floor  # the other face's points are near as well
     assert both.chamfer > 0.5e-3  # but none lies on it
 
 
@@ -88,8 +88,8 @@ def test_a_part_is_taken_where_it_is_said_to_be_one(tmp_path: Path) -> None:
 def test_a_study_finds_the_layout_of_a_part(tmp_path: Path) -> None:
     target = TargetFile(part_of(tmp_path), face="front", distances="one way")
     study = Study("s", DESIGN, (target,), limits=StudyLimits(evaluations=900))
-    found = run_study(study, tmp_path / "out", forward=AnalyticCloth())
-    off = np.linalg.norm(found.points[0] - shape(), axis=1)
+    study_result = run_study(study, tmp_path / "out", forward=AnalyticCloth())
+    off = np.linalg.norm(study_result.points[0] - shape(), axis=1)
     assert off.max() < 2e-3  # the upper half too, though nobody showed it: the muscles reach over both
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["chamfer"] < 1.1 * result["chamfer_floor"]

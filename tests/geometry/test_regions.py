@@ -37,9 +37,9 @@ def test_places_in_a_polygon_and_on_its_edge_have_its_weight() -> None:
     corners = ((0.0, 0.0), (0.1, 0.0), (0.1, 0.05), (0.05, 0.05), (0.05, 0.1), (0.0, 0.1))
     weights = Weighting((Region(corners, 3.0), Region(BOX, 0.5)), 0.2, 0.2).of_points(2 * SIDE * SIDE)
     u, v = np.meshgrid(np.linspace(0, 0.2, SIDE), np.linspace(0, 0.2, SIDE))
-    near = 1e-9
-    inside = (u < 0.1 + near) & (v < 0.1 + near) & ((u < 0.05 + near) | (v < 0.05 + near))
-    expected = np.where(v > 0.15 - near, 0.5, np.where(inside, 3.0, 1.0))
+    margin = 1e-9
+    inside = (u < 0.1 + margin) & (v < 0.1 + margin) & ((u < 0.05 + margin) | (v < 0.05 + margin))
+    expected = np.where(v > 0.15 - margin, 0.5, np.where(inside, 3.0, 1.0))
     np.testing.assert_array_equal(weights.reshape(2, SIDE, SIDE), [expected, expected])
 
 
@@ -48,13 +48,13 @@ def test_distances_are_means_by_the_weights_of_the_cloth() -> None:
     cloud = rng.normal(model[::5], 2e-3)
     weights = LOWER.of_points(len(model))
     apart = np.linalg.norm(cloud[:, None] - model[None], axis=2)
-    own = weights[apart.argmin(axis=1)]
-    expected = np.average(apart.min(axis=1), weights=own) + np.average(apart.min(axis=0), weights=weights)
+    nearest_weights = weights[apart.argmin(axis=1)]
+    expected = np.average(apart.min(axis=1), weights=nearest_weights) + np.average(apart.min(axis=0), weights=weights)
     assert Objective([Target(cloud, weighting=LOWER)]).value(model[None]) == pytest.approx(expected, rel=1e-12)
-    found = trial_errors([cloud], model[None], NOISE_FREE, CloudKind(weighting=LOWER), draws=4)
-    assert found.chamfer == pytest.approx(expected, rel=1e-12)
+    errors = trial_errors([cloud], model[None], NOISE_FREE, CloudKind(weighting=LOWER), draws=4)
+    assert errors.chamfer == pytest.approx(expected, rel=1e-12)
     bare = trial_errors([cloud], model[None], NOISE_FREE, draws=4)
-    assert found.chamfer_floor == pytest.approx(bare.chamfer_floor, rel=0.1)  # of an even cloth it is the same
+    assert errors.chamfer_floor == pytest.approx(bare.chamfer_floor, rel=0.1)  # of an even cloth it is the same
     # far off below, on the cloth above: a mean that is the share of the weights below
     markers = np.array([model[SIDE * 3 + 5], model[SIDE * 37 + 5] + [0, 0, 0.004]])
     both = distance_to_faces(markers, model, "front")
@@ -88,8 +88,8 @@ def test_a_search_comes_nearer_where_it_counts(tmp_path: Path) -> None:
         result = run_study(study, tmp_path / f"{weight}", forward=AnalyticCloth(21))
         assert result.objective == pytest.approx(result.errors.chamfer)
         off.append(np.linalg.norm((result.points[0] - mixed).reshape(2, SIDE, SIDE, 3)[:, :24], axis=-1).mean())
-        said = json.loads((tmp_path / f"{weight}" / "result.json").read_text())["targets"][0]
-        assert f"counts {weight:g} times in the box u 0 to 200, v 0 to 115 mm" in said
+        description = json.loads((tmp_path / f"{weight}" / "result.json").read_text())["targets"][0]
+        assert f"counts {weight:g} times in the box u 0 to 200, v 0 to 115 mm" in description
     assert off[1] < 0.5 * off[0]
 
 

@@ -47,13 +47,13 @@ def test_nearest_is_exact_on_any_triangles(seed, spread, triangles):
     vertices = np.repeat(rng.normal(size=(triangles, 3)), 3, axis=0) + spread * rng.normal(size=(3 * triangles, 3))
     surface = Surface(vertices, np.arange(3 * triangles).reshape(-1, 3))
     points = np.concatenate([rng.normal(size=(6, 3)), 3 * rng.normal(size=(3, 3)), vertices[:2]])
-    found = surface.nearest(points)
+    nearest = surface.nearest(points)
     obvious = [min(obvious_nearest(p, *t) for t in vertices.reshape(-1, 3, 3)) for p in points]
-    np.testing.assert_allclose(found.distance, obvious, rtol=1e-9, atol=1e-9)
-    place = np.einsum("nc,ncd->nd", found.weights, vertices[surface.triangles[found.triangle]])
-    np.testing.assert_allclose(np.linalg.norm(points - place, axis=1), found.distance, atol=1e-12)
-    assert found.weights.min() >= -1e-12
-    np.testing.assert_allclose(found.weights.sum(axis=1), 1)
+    np.testing.assert_allclose(nearest.distance, obvious, rtol=1e-9, atol=1e-9)
+    place = np.einsum("nc,ncd->nd", nearest.weights, vertices[surface.triangles[nearest.triangle]])
+    np.testing.assert_allclose(np.linalg.norm(points - place, axis=1), nearest.distance, atol=1e-12)
+    assert nearest.weights.min() >= -1e-12
+    np.testing.assert_allclose(nearest.weights.sum(axis=1), 1)
 
 
 def test_nearest_on_a_sheet_against_all_its_triangles():
@@ -61,17 +61,17 @@ def test_nearest_on_a_sheet_against_all_its_triangles():
     surface = Surface.of_faces(points)
     rng = np.random.default_rng(1)
     seen = points[::14] + 0.004 * rng.normal(size=points[::14].shape)
-    found = surface.nearest(seen)
+    nearest = surface.nearest(seen)
     obvious = [min(obvious_nearest(p, *t) for t in surface.vertices[surface.triangles]) for p in seen]
-    np.testing.assert_allclose(found.distance, obvious, atol=1e-9)
+    np.testing.assert_allclose(nearest.distance, obvious, atol=1e-9)
 
 
 def test_sign_and_order_of_the_faces():
     """At rest the front looks along +z: above it and below the back are outside, between them inside."""
     surface = Surface.of_faces(rolled_sheet(n=5))
-    found = surface.nearest(np.array([[0.01, -0.1, 0.0013], [0.01, -0.1, 0.0008], [0.01, -0.1, -0.0014]]))
-    np.testing.assert_allclose(found.signed, [0.0003, -0.0002, 0.0004], atol=1e-12)
-    assert list(found.triangle < 32) == [True, True, False]
+    nearest = surface.nearest(np.array([[0.01, -0.1, 0.0013], [0.01, -0.1, 0.0008], [0.01, -0.1, -0.0014]]))
+    np.testing.assert_allclose(nearest.signed, [0.0003, -0.0002, 0.0004], atol=1e-12)
+    assert list(nearest.triangle < 32) == [True, True, False]
     assert surface.areas.sum() == pytest.approx(2 * 0.2**2)
     assert face_triangles(2, 3).shape == (8, 3)
     with pytest.raises(ValueError, match="not two faces"):
@@ -110,10 +110,10 @@ def test_noise_is_recovered_from_clouds_alone(count, curvature, truth):
     rng = np.random.default_rng(2)
     surface = Surface.of_faces(rolled_sheet(curvature))
     offsets = truth.stray_offsets([count] * 6, rng)  # their number is no chance: the sampling error would be 20 %
-    found = estimate_noise([truth.draw(surface, count, rng, each) for each in offsets], 0.002)
-    assert found.sigma == pytest.approx(truth.sigma, rel=0.05)
-    assert found.strays == pytest.approx(truth.strays, rel=0.1)
-    assert found.stray_reach == pytest.approx(truth.stray_reach, rel=0.1)
+    noise = estimate_noise([truth.draw(surface, count, rng, each) for each in offsets], 0.002)
+    assert noise.sigma == pytest.approx(truth.sigma, rel=0.05)
+    assert noise.strays == pytest.approx(truth.strays, rel=0.1)
+    assert noise.stray_reach == pytest.approx(truth.stray_reach, rel=0.1)
 
 
 def test_strays_far_off_are_counted():
@@ -124,10 +124,10 @@ def test_strays_far_off_are_counted():
     for frame in frames:
         frame[:15] = rng.uniform(frame.min(axis=0) - 0.05, frame.max(axis=0) + 0.05, (15, 3))
     off = np.concatenate([surface.nearest(frame[:15]).distance for frame in frames])
-    found = estimate_noise(frames, 0.002)
-    assert found.sigma == pytest.approx(0.0006, rel=0.05)
-    assert found.strays == pytest.approx(np.sum(off > 0.003) / 9000, rel=0.1)
-    assert found.stray_reach == pytest.approx(2 * off.mean(), rel=0.15)
+    noise = estimate_noise(frames, 0.002)
+    assert noise.sigma == pytest.approx(0.0006, rel=0.05)
+    assert noise.strays == pytest.approx(np.sum(off > 0.003) / 9000, rel=0.1)
+    assert noise.stray_reach == pytest.approx(2 * off.mean(), rel=0.15)
 
 
 def test_noise_needs_enough_points():

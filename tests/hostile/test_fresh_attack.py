@@ -198,8 +198,8 @@ def program(folder: Path, *line: str, out: str | None = None, err: str | None = 
 def test_a_full_standard_output_throws_nothing_away(tmp_path: Path) -> None:
     (tmp_path / "http.py").write_text("raise SystemExit(9)")  # nor does a file of the user stand for a module
     (tmp_path / "random.py").write_text("raise SystemExit(9)")
-    said = "fabdesign: standard output cannot be written (No space left on device); expected room for it\n"
-    assert program(tmp_path, "new", "cross", "-o", "a.toml", out="/dev/full") == (2, said)
+    message = "fabdesign: standard output cannot be written (No space left on device); expected room for it\n"
+    assert program(tmp_path, "new", "cross", "-o", "a.toml", out="/dev/full") == (2, message)
     assert program(tmp_path, "new", "basic", "-o", "b.toml", err="/dev/full") == (0, "")
     assert read_design(tmp_path / "a.toml").name == "cross" and read_design(tmp_path / "b.toml").name == "basic"
 

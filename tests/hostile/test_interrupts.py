@@ -112,9 +112,9 @@ def test_processes_that_still_load_say_nothing(place: Path) -> None:
     time.sleep(0.2)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    estimate, *said = err.splitlines()
+    estimate, *lines = err.splitlines()
     assert estimate.startswith("2 trials, ")
-    assert (process.returncode, out, said) == (130, "", ["fabdesign: interrupted"])
+    assert (process.returncode, out, lines) == (130, "", ["fabdesign: interrupted"])
     assert snapshot(place) == before
 
 
@@ -201,8 +201,8 @@ def test_exit_codes_and_output_are_those_of_the_command(place: Path) -> None:
     for line, code, out in ((["--version"], 0, "version"), (["new", "no", "-o", "x.toml"], 2, "")):
         process = start(line, place)
         wait_for_program(process)
-        said, _ = process.communicate(timeout=60)
-        assert process.returncode == code and out in said
+        printed, _ = process.communicate(timeout=60)
+        assert process.returncode == code and out in printed
 
 
 @pytest.mark.parametrize("kind", ["files", "folder"])

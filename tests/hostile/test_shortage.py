@@ -131,8 +131,8 @@ def sweep() -> SensitivityStudy:
 
 
 def sensitivity(place: Path) -> object:
-    found = run_sensitivity(sweep(), place / "sweep", forward=AnalyticCloth()).to_json()
-    return {key: value for key, value in found.items() if key not in ("wall_s", "cpu_s")}
+    result = run_sensitivity(sweep(), place / "sweep", forward=AnalyticCloth()).to_json()
+    return {key: value for key, value in result.items() if key not in ("wall_s", "cpu_s")}
 
 
 def optimize(place: Path) -> object:

@@ -379,8 +379,8 @@ def test_a_study_in_other_units_is_said(old: str, new: str, line: str, tmp_path:
     assert not inspect(tmp_path / "s.toml").notes
     assert old in content
     (tmp_path / "s.toml").write_text(content.replace(old, new))
-    said = inspect(tmp_path / "s.toml")
-    assert any(line in each for each in (*said.problems, *said.notes))
+    findings = inspect(tmp_path / "s.toml")
+    assert any(line in each for each in (*findings.problems, *findings.notes))
 
 
 def test_a_sweep_of_pressures_in_bar_is_said(tmp_path: Path) -> None:
@@ -462,8 +462,8 @@ def test_a_recording_that_contradicts_itself_is_said(recording: Path) -> None:
         == 2
     )
     program.write_text("time_s,channel_0,channel_1\n0,2,0\n0.01,2,0\n")
-    said = inspect(recording)
-    assert any("ends at 0.02 s, the frames at 0.2 s" in line for line in said.notes)
-    assert any("largest pressure = 2 kPa" in line and "in bar?" in line for line in said.warnings)
+    findings = inspect(recording)
+    assert any("ends at 0.02 s, the frames at 0.2 s" in line for line in findings.notes)
+    assert any("largest pressure = 2 kPa" in line and "in bar?" in line for line in findings.warnings)
     np.savez(frames / "0000" / "left.npz", points=POINTS)
     assert any("left.ply and" in line for line in inspect(recording).problems)

@@ -29,8 +29,8 @@ DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"
 
 
 def test_no_trial_that_the_demo_judges_by_was_seen_by_the_shipped_model() -> None:
-    shipped, found = read_model(DATA / measured.MODEL), read_set(DATA / measured.SET)
-    tests = {f"rig_a/{trial.name}" for trial in found.trials if trial.role == "test"}
+    shipped, demo_set = read_model(DATA / measured.MODEL), read_set(DATA / measured.SET)
+    tests = {f"rig_a/{trial.name}" for trial in demo_set.trials if trial.role == "test"}
     assert len(tests) >= 3
     assert not tests & set(shipped.provenance.fitted)
     assert len(shipped.provenance.fitted) > 60
@@ -39,11 +39,11 @@ def test_no_trial_that_the_demo_judges_by_was_seen_by_the_shipped_model() -> Non
 
 def test_the_demo_set_is_a_part_of_the_measured_one(data: Path) -> None:
     for trial in read_set(DATA / measured.SET).trials:
-        whole, part = read_trial(data / "rig_a" / "trials" / f"{trial.name}.npz"), trial.load()
-        rows = np.searchsorted(whole.time, part.time - 1e-9)
-        assert part.pressure.tolist() == whole.pressure[rows].tolist()
+        original, part = read_trial(data / "rig_a" / "trials" / f"{trial.name}.npz"), trial.load()
+        rows = np.searchsorted(original.time, part.time - 1e-9)
+        assert part.pressure.tolist() == original.pressure[rows].tolist()
         for row, frame in zip(rows, part.frames, strict=True):
-            assert {*map(tuple, frame.tolist())} <= {*map(tuple, whole.frames[row].tolist())}
+            assert {*map(tuple, frame.tolist())} <= {*map(tuple, original.frames[row].tolist())}
 
 
 def test_the_shipped_set_is_what_the_command_makes(data: Path, tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ class Rolling:
 
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         self.asked += len(cases)
-        return [self._motion(case, own) for case, own in zip(cases, times, strict=True)]
+        return [self._motion(case, case_times) for case, case_times in zip(cases, times, strict=True)]
 
     def _motion(self, case: Case, times: np.ndarray) -> np.ndarray:
         turns = 0.1 + 0.4 / case.factors.get("bending", 1.0) * times
@@ -97,14 +97,14 @@ class Rolling:
 
 
 def test_each_model_is_simulated_once_and_evaluated_as_evaluate_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = read_set(DATA / measured.SET)
-    found = replace(whole, trials=whole.trials[:1])
-    monkeypatch.setattr(measured, "read_set", lambda folder: found)
+    demo_set = read_set(DATA / measured.SET)
+    one_trial_set = replace(demo_set, trials=demo_set.trials[:1])
+    monkeypatch.setattr(measured, "read_set", lambda folder: one_trial_set)
     monkeypatch.setattr(measured, "find_used_frames", lambda sets, coarse: UsedFrames((), 0.0))
     rolling = Rolling()
     errors = measured.evaluate_shipped(forward=rolling)
     assert rolling.asked == len(errors.errors) == 4  # data sheet, calibrated, with effects, corrected
-    [expected] = evaluate_sets(forward_model(Rolling(), errors.shipped), [found]).designs.values()
+    [expected] = evaluate_sets(forward_model(Rolling(), errors.shipped), [one_trial_set]).designs.values()
     [trial] = expected.trials
     assert (errors.errors[measured.CALIBRATED], errors.errors[measured.CORRECTED]) == (trial.before, trial.after)
     assert errors.errors[measured.SHEET] != trial.before
@@ -120,7 +120,7 @@ def test_the_page_says_what_was_closed() -> None:
 
     names = (measured.SHEET, measured.CALIBRATED, measured.EFFECTS, measured.CORRECTED)
     of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
-    found = read_set(DATA / measured.SET)
+    demo_set = read_set(DATA / measured.SET)
     odd = [
         EffectTerm("odd_muscle", {"channel": Quantity(k, "1"), "factor": Quantity(factor, "1")})
         for k, factor in enumerate((0.9, 0.8, 1.0))
@@ -128,17 +128,17 @@ def test_the_page_says_what_was_closed() -> None:
     off = EffectTerm("dead_time", {"delay": Quantity(0.0, "s", (0.0, 0.01))})
     shipped = Model(effects=(EffectTerm("air_drag", {}), *odd, off))
     by_trial = {"076": errors(1e-3), "077": errors(1e-3), "078": errors(3e-3)}
-    far = Branches(found.trials[2], 3e-3, np.array([3.1e-3, 0.9e-3]))
+    far = Branches(demo_set.trials[2], 3e-3, np.array([3.1e-3, 0.9e-3]))
     errors = measured.ShippedErrors(
-        replace(found, description="a <synthetic rig>"), shipped, of, 0.0, by_trial, {"078": far}
+        replace(demo_set, description="a <synthetic rig>"), shipped, of, 0.0, by_trial, {"078": far}
     )
     page, text, values = html_of("demo", as_blocks(errors)), measured.as_text(errors), plain(errors)
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
     assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;synthetic rig&gt;" in page
     assert "synthetic rig" in text and "Effects in the model: air drag, odd muscle." in text
-    [told] = errors.far_off
-    assert told.startswith("Trial 078 is off by 3.06 mm, the others by 1.17. It took another stable shape (branch):")
-    assert "comes to 0.90 mm, without the change 3.00 mm." in told and told in page and told in text
+    [line] = errors.far_off
+    assert line.startswith("Trial 078 is off by 3.06 mm, the others by 1.17. It took another stable shape (branch):")
+    assert "comes to 0.90 mm, without the change 3.00 mm." in line and line in page and line in text
     assert values["another_branch"] == {"078": True}
     assert values["effects"] == ["air_drag", "odd_muscle"]
     kept = measured.ShippedErrors.of_kept(json.loads(json.dumps(errors.kept())))

@@ -27,13 +27,13 @@ FILES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob(
 @cache
 def imports(file: Path) -> frozenset[str]:
     """Top-level names of all modules that a file imports, anywhere in it."""
-    found = set()
+    names = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name.split(".")[0] for alias in node.names}
+            names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            found.add(node.module.split(".")[0])
-    return frozenset(found)
+            names.add(node.module.split(".")[0])
+    return frozenset(names)
 
 
 def test_packages_import_one_way() -> None:

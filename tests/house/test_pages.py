@@ -90,10 +90,12 @@ def test_a_threshold_that_changes_is_seen() -> None:
     assert with_tables(page.replace("| 95 % |", "| 90 % |")) == page
 
 
-OWN = "own_muscle_and_cloth", "recordings", "cluster", "effects"
+SEARCHED_PAGES = "own_muscle_and_cloth", "recordings", "cluster", "effects"
 
 
-@pytest.mark.parametrize(("asked", "page"), zip(("own muscle type", "camera", "cluster", "effect"), OWN, strict=True))
+@pytest.mark.parametrize(
+    ("asked", "page"), zip(("own muscle type", "camera", "cluster", "effect"), SEARCHED_PAGES, strict=True)
+)
 def test_the_page_that_is_asked_for_has_the_words_in_its_title(asked: str, page: str) -> None:
     """The search puts a page first that has all words in its title (docs/search.js), most of all at its beginning."""
     titles = {

@@ -141,6 +141,6 @@ def test_a_trace_of_a_bench_tells_its_share():
 
 def test_a_loop_says_what_it_takes_at_most(monkeypatch):
     monkeypatch.setattr("fabdesign.runtime.effort.cores", lambda: 2)
-    said = loop_in_words(LoopStudy.read(ROOT / "examples/loop.toml"))
-    assert said.startswith("at most 2 designs, 120 s of search and 5 trials for each, 2 cores: about ")
-    assert int(said.split()[-2]) >= 4 and said.endswith("min")
+    estimate = loop_in_words(LoopStudy.read(ROOT / "examples/loop.toml"))
+    assert estimate.startswith("at most 2 designs, 120 s of search and 5 trials for each, 2 cores: about ")
+    assert int(estimate.split()[-2]) >= 4 and estimate.endswith("min")

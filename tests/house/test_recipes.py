@@ -132,18 +132,6 @@ def test_a_study_is_its_keys_and_what_runs_it(tmp_path: Path, monkeypatch: pytes
     assert sag["run_sag"](study, tmp_path / "out", forward=cloth) == first and cloth.calls == calls
 
 
-FILE = """
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-import tomlkit
-from fabdesign.formats.codec import Encoder, decode
-from fabdesign.formats.schema import FileUnit, Within
-from fabdesign.formats.table import load_toml
-from fabdesign.output import write_text
-"""
-
-
 def test_a_kind_of_file_is_a_dataclass(tmp_path: Path) -> None:
     """A lamp is written and read, and what it may not be is said in a line."""
     imports = (

@@ -27,7 +27,7 @@ class Step(NamedTuple):
 def steps(page: str) -> list[Step]:
     """The ```sh blocks with the ```text that follows; a comment `within N` between them widens the tolerance."""
     block = r"```sh\n(.*?)```\n(?:\n(?:<!-- within ([\d.]+) -->\n)?```text\n(.*?)```\n)?"
-    return [Step(found[1], found[3] or "", float(found[2] or 0.06)) for found in re.finditer(block, page, re.DOTALL)]
+    return [Step(match[1], match[3] or "", float(match[2] or 0.06)) for match in re.finditer(block, page, re.DOTALL)]
 
 
 def differences(shown: str, printed: str, within: float) -> list[str]:
@@ -49,8 +49,8 @@ def _alike(shown: str, printed: str, within: float) -> bool:
 
 def _tolerance(shown: str, number: re.Match[str], within: float) -> float:
     """A per cent is rounded to a whole one, which another machine's last bit may turn."""
-    whole = "." not in number[0] and shown[number.end() :].startswith(" %")
-    return max(within + 0.05 * abs(float(number[0])), 1.0 if whole else 0.0)
+    rounded_percent = "." not in number[0] and shown[number.end() :].startswith(" %")
+    return max(within + 0.05 * abs(float(number[0])), 1.0 if rounded_percent else 0.0)
 
 
 def test_comparison_sees_what_differs() -> None:
@@ -73,10 +73,10 @@ def run_page(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.delenv("FABDESIGN_LANES", raising=False)
-    found = steps((ROOT / "docs" / page).read_text(encoding="utf-8"))
-    assert len(found) >= 8
+    page_steps = steps((ROOT / "docs" / page).read_text(encoding="utf-8"))
+    assert len(page_steps) >= 8
     place = folder
-    for step in found:
+    for step in page_steps:
         script = f"set -eu\n{step.commands}\npwd > '{folder}/place'\n"
         ran = subprocess.run(["bash", "-c", script], cwd=place, capture_output=True, text=True)
         assert ran.returncode == 0, ran.stderr

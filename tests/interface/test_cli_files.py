@@ -48,8 +48,8 @@ def test_matrices_take_one_thread_unless_the_environment_says_otherwise(given: s
         "import os, sys, fabdesign.cli; sys.argv = ['fabdesign', 'check', 'none']\n"
         "try: fabdesign.cli.main()\nexcept SystemExit: print(os.environ['OPENBLAS_NUM_THREADS'])"
     )
-    own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
-    environment = own | ({} if given is None else {"OPENBLAS_NUM_THREADS": given})
+    inherited = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    environment = inherited | ({} if given is None else {"OPENBLAS_NUM_THREADS": given})
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
     )
@@ -58,8 +58,8 @@ def test_matrices_take_one_thread_unless_the_environment_says_otherwise(given: s
 
 @pytest.mark.parametrize("command", [*commands.commands])
 def test_every_command_takes_json(command: str) -> None:
-    found = commands.commands[command]
-    each = [*found.commands.values()] if isinstance(found, click.Group) else [found]
+    click_command = commands.commands[command]
+    each = [*click_command.commands.values()] if isinstance(click_command, click.Group) else [click_command]
     for one in each:
         assert "--json" in [option for parameter in one.params for option in parameter.opts], one.name
 
@@ -183,9 +183,9 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
     hanging.made.clear()
     assert run("calibrate", folder / "set", "--grid", 31, "-o", folder / "coarser.toml")[0] == 0
     assert (hanging.made, read_model(folder / "coarser.toml").points_per_side) == ({21, 31}, 31)
-    found = json.loads(out)["parameters"]["membrane"]
-    assert found["factor"] == pytest.approx(1.0)
-    assert np.log(found["interval90"]) == pytest.approx([-1.645 * 0.15, 1.645 * 0.15], rel=0.01)
+    membrane = json.loads(out)["parameters"]["membrane"]
+    assert membrane["factor"] == pytest.approx(1.0)
+    assert np.log(membrane["interval90"]) == pytest.approx([-1.645 * 0.15, 1.645 * 0.15], rel=0.01)
 
 
 @pytest.mark.usefixtures("hanging")
@@ -254,10 +254,10 @@ def test_a_motion_that_diverges_on_a_coarse_grid_names_the_grid(folder: Path) ->
     """Fixed points 20 mm apart on a grid of 25 mm: 11 points a side follow them."""
     coarse = Diverging(9)
     coarse.points_per_side = 9  # type: ignore[attr-defined]
-    with pytest.raises(SimulationError) as told:
+    with pytest.raises(SimulationError) as caught:
         program = constant_program(np.full(build("basic").channels, 3e5))
         require_motions(coarse, [Case(build("basic"), program)], [np.array([0.0, 0.2])])
-    assert str(told.value) == (
+    assert str(caught.value) == (
         "basic: the motion diverged at 0.200 s on a grid of 9 points a side, 25 mm apart, wider than the fixed points' "
         "20 mm; expected --grid 11 or more; nothing written"
     )

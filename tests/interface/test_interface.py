@@ -79,8 +79,8 @@ def asked(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[], list[st
     Cloth.asked = []
 
     def since() -> list[str]:
-        Cloth.asked, found = [], [repr(one) for one in Cloth.asked]
-        return found
+        Cloth.asked, calls = [], [repr(one) for one in Cloth.asked]
+        return calls
 
     return since
 
@@ -115,10 +115,10 @@ def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypa
         assert np.array_equal(motion.points, read_motion(Path(f"out/trials/{name}.npz")).points)
     _, out, _ = run("evaluate", "set", "--model", "model.toml", "--all", "--json")
     asked()
-    found = fabdesign.evaluate("set", fabdesign.read_model("model.toml"), all_trials=True)
-    assert found.to_json() | {"skipped": []} == json.loads(out)
-    assert found.to_table()["chamfer_after"].to_numpy() == pytest.approx(
-        [1e3 * t.after.chamfer for table in found.others.values() for t in table.trials]
+    evaluation = fabdesign.evaluate("set", fabdesign.read_model("model.toml"), all_trials=True)
+    assert evaluation.to_json() | {"skipped": []} == json.loads(out)
+    assert evaluation.to_table()["chamfer_after"].to_numpy() == pytest.approx(
+        [1e3 * t.after.chamfer for table in evaluation.others.values() for t in table.trials]
     )
 
 
@@ -265,11 +265,11 @@ def test_a_command_has_what_its_function_has() -> None:
         command: Any = commands
         for word in words.split():
             command = command.commands[word]
-        own = inspect.signature(verb.function).parameters
+        parameters = inspect.signature(verb.function).parameters
         shared = {"force", "effects", "cluster", "unit", "place", "rotation"}
         for parameter in command.params:
             name = parameter.name
-            assert name in {*own, *shared, "as_json"}, f"{words}: {name}"
+            assert name in {*parameters, *shared, "as_json"}, f"{words}: {name}"
             assert name == "as_json" or isinstance(parameter, click.Argument) or parameter.help, f"{words}: {name}"
 
 
@@ -354,12 +354,12 @@ def test_optimize(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.
 
 
 def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]]) -> None:
-    vertical, told = fabdesign.build("vertical", muscles=1), [0.0]
+    vertical, shares = fabdesign.build("vertical", muscles=1), [0.0]
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
-    found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
-    assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
-    assert len(found.to_table()) == found.to_json()["evaluations"] and told[-1] > 0
-    assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
+    result = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: shares.append(share))
+    assert result.pressures == pytest.approx(np.array([[200.0]]), abs=5)
+    assert len(result.to_table()) == result.to_json()["evaluations"] and shares[-1] > 0
+    assert result.shapes[0].points.shape[0] == 1 and result.objective < 5e-3
 
 
 OUTPUT = "height of corner (0.2, 0.2)"
@@ -425,10 +425,10 @@ def _fields(study: Any) -> list[str]:
 def test_layouts_side_by_side_end_as_a_table(asked: Callable[[], list[str]]) -> None:
     vertical = fabdesign.build("vertical", muscles=1)
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
-    found = fabdesign.layouts(vertical, goal[::4], muscles=[1], sides=["front"], evaluations=30, outputs=[OUTPUT])
-    table = found.to_table()
+    grid_result = fabdesign.layouts(vertical, goal[::4], muscles=[1], sides=["front"], evaluations=30, outputs=[OUTPUT])
+    table = grid_result.to_table()
     assert table["name"].tolist() == ["1_EM20_front"] and table["front"].tolist() == [True]
-    shape = found.front[0].result.shapes[0]
+    shape = grid_result.front[0].result.shapes[0]
     assert table[OUTPUT][0] == pytest.approx(1e3 * shape.faces[0, :, -1, -1, 1].mean(), abs=1e-3)
 
 
@@ -459,12 +459,12 @@ def test_sensitivity(run: Run, asked: Callable[[], list[str]]) -> None:
     assert run("sensitivity", "study.toml", "-o", "out")[0] == 0
     before = asked()
     parameters = {"pressure.0": (50.0, 300.0), "position.1.u": (-0.01, 0.01)}
-    found = fabdesign.sensitivity("cross.toml", parameters, method="sobol", samples=8)
+    sensitivities = fabdesign.sensitivity("cross.toml", parameters, method="sobol", samples=8)
     assert asked() == before
-    whole = json.loads(Path("out/result.json").read_text())
-    assert found.to_json()["outputs"] == whole["outputs"]
-    assert found.indices("tip_z")["pressure.0"]["total"] > 0.2
-    assert set(found.to_table()["parameter"]) == set(parameters)
+    written = json.loads(Path("out/result.json").read_text())
+    assert sensitivities.to_json()["outputs"] == written["outputs"]
+    assert sensitivities.indices("tip_z")["pressure.0"]["total"] > 0.2
+    assert set(sensitivities.to_table()["parameter"]) == set(parameters)
     with pytest.raises(InputError, match=r"low = 300, high = 50; expected low < high, from 0 to "):
         fabdesign.sensitivity("cross.toml", {"pressure.0": (300, 50)})
 
@@ -480,11 +480,11 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
 
     monkeypatch.setattr(Cloth, "equilibria", some)
     rows = np.linspace(0, 300, 300).reshape(150, 2)
-    found = fabdesign.sweep("cross.toml", rows, {"forward": lambda motion: motion.points[0, :, 2].mean()})
-    assert not found.complete and len(found) == 128 and calls == [64, 64, 22]
-    table = found.to_table()
-    assert table["channel_1_kpa"].iloc[-1] == rows[127, 1] and table["forward"].iloc[0] == found["forward"][0]
-    assert json.loads(json.dumps(found.to_json())) == {**{k: [*v] for k, v in table.items()}, "complete": False}
+    sweep = fabdesign.sweep("cross.toml", rows, {"forward": lambda motion: motion.points[0, :, 2].mean()})
+    assert not sweep.complete and len(sweep) == 128 and calls == [64, 64, 22]
+    table = sweep.to_table()
+    assert table["channel_1_kpa"].iloc[-1] == rows[127, 1] and table["forward"].iloc[0] == sweep["forward"][0]
+    assert json.loads(json.dumps(sweep.to_json())) == {**{k: [*v] for k, v in table.items()}, "complete": False}
     calls.clear()
     with pytest.warns(UserWarning, match="interrupted, with the first 128 of 150 motions"):
         shapes = fabdesign.equilibrium("cross.toml", rows)
@@ -512,8 +512,8 @@ def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], m
         assert [*fabdesign.predict("set", "model.toml", grid=31)] == ["000", "001"]
     batches.clear()
     with pytest.warns(UserWarning, match="interrupted, with the first 1 of 3 trials"):  # the second is being compared
-        found = fabdesign.evaluate("set", "model.toml", all_trials=True, grid=31)
-    assert [trial.trial for table in found.others.values() for trial in table.trials] == ["000"]
+        evaluation = fabdesign.evaluate("set", "model.toml", all_trials=True, grid=31)
+    assert [trial.trial for table in evaluation.others.values() for trial in table.trials] == ["000"]
 
 
 def test_a_batch_is_what_each_is_alone(asked: Callable[[], list[str]]) -> None:
@@ -532,8 +532,8 @@ def test_a_batch_is_what_each_is_alone(asked: Callable[[], list[str]]) -> None:
 def test_a_motion_that_diverges_is_an_error_or_nan(asked: Callable[[], list[str]], monkeypatch: Any) -> None:
     monkeypatch.setattr(Cloth, "equilibria", lambda _, cases: AnalyticCloth(fail_above=250e3).equilibria(cases))
     cross = fabdesign.build("cross", muscles=2)
-    found = fabdesign.sweep(cross, [[100, 0], [300, 0]], {"x": lambda motion: float(motion.points[0, 0, 0])})
-    assert np.isnan(found["x"]).tolist() == [False, True]
+    sweep = fabdesign.sweep(cross, [[100, 0], [300, 0]], {"x": lambda motion: float(motion.points[0, 0, 0])})
+    assert np.isnan(sweep["x"]).tolist() == [False, True]
     with pytest.raises(SimulationError, match=r"^cross: no shape at rest was found"):
         fabdesign.equilibrium(cross, [300, 0])
 

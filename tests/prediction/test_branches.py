@@ -26,8 +26,8 @@ class Buckles:
 
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         return [
-            rolled(-1.0 if any(term.values.get("about_x", 0.0) > 1.5 for term in case.effects) else 1.0, own)
-            for case, own in zip(cases, times, strict=True)
+            rolled(-1.0 if any(term.values.get("about_x", 0.0) > 1.5 for term in case.effects) else 1.0, instants)
+            for case, instants in zip(cases, times, strict=True)
         ]
 
 
@@ -51,25 +51,25 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Trial]:
 
 
 def test_the_other_branch_is_found_by_a_start_that_differs_a_little(trials: dict[str, Trial]) -> None:
-    found = {b.trial.name: b for b in branches_of([*trials.values()], Predictor(Buckles()), every=2)}
-    assert [found[name].on_another_branch for name in ("as", "back", "flat")] == [False, True, False]
-    assert found["back"].unchanged > FAR > 1e-3 > found["back"].nearest
-    assert found["back"].odds == pytest.approx(1 / len(starts()))
-    assert found["flat"].unchanged > FAR  # as far off, and no start leads there
+    branches = {b.trial.name: b for b in branches_of([*trials.values()], Predictor(Buckles()), every=2)}
+    assert [branches[name].on_another_branch for name in ("as", "back", "flat")] == [False, True, False]
+    assert branches["back"].unchanged > FAR > 1e-3 > branches["back"].nearest
+    assert branches["back"].odds == pytest.approx(1 / len(starts()))
+    assert branches["flat"].unchanged > FAR  # as far off, and no start leads there
 
 
 def test_it_is_said_which_it_is(trials: dict[str, Trial]) -> None:
-    found = {b.trial.name: b for b in branches_of([*trials.values()], Predictor(Buckles()))}
-    assert branch_in_words(found["back"]).startswith("It took another stable shape (branch):")
-    assert branch_in_words(found["flat"]).startswith("It is not another stable shape (branch),")
-    assert f"{1e3 * found['flat'].unchanged:.2f} mm." in branch_in_words(found["flat"])
+    branches = {b.trial.name: b for b in branches_of([*trials.values()], Predictor(Buckles()))}
+    assert branch_in_words(branches["back"]).startswith("It took another stable shape (branch):")
+    assert branch_in_words(branches["flat"]).startswith("It is not another stable shape (branch),")
+    assert f"{1e3 * branches['flat'].unchanged:.2f} mm." in branch_in_words(branches["flat"])
 
 
 def test_a_start_that_diverges_leads_nowhere(trials: dict[str, Trial]) -> None:
     class Diverges(Buckles):
         def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
-            whole = super().motions(cases, times)
-            return [np.full_like(m, np.nan) if c.effects else m for c, m in zip(cases, whole, strict=True)]
+            motions = super().motions(cases, times)
+            return [np.full_like(m, np.nan) if c.effects else m for c, m in zip(cases, motions, strict=True)]
 
-    [found] = branches_of([trials["back"]], Predictor(Diverges()))
-    assert found.nearest == np.inf and not found.on_another_branch
+    [branch] = branches_of([trials["back"]], Predictor(Diverges()))
+    assert branch.nearest == np.inf and not branch.on_another_branch

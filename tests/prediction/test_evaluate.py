@@ -96,11 +96,13 @@ def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(meas
     both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
     noise, seen = noise_of([measured.trials[1], measured.trials[2], renamed]), []
     predictor = forward_model(Curler(), SOFT)
-    found = evaluate_sets(predictor, [both], roles=["test", "fit"], seed=3, progress=lambda *done: seen.append(done))
+    evaluation = evaluate_sets(
+        predictor, [both], roles=["test", "fit"], seed=3, progress=lambda *done: seen.append(done)
+    )
     assert seen == [(1, 3), (2, 3), (3, 3)]
-    assert found.designs["cross"].noise == found.others["again"].noise == noise
-    for trial, own in zip(measured.trials[1:3], found.designs["cross"].trials, strict=True):
-        for bending, errors in ((1.0, own.before), (0.5, own.after)):
+    assert evaluation.designs["cross"].noise == evaluation.others["again"].noise == noise
+    for trial, trial_result in zip(measured.trials[1:3], evaluation.designs["cross"].trials, strict=True):
+        for bending, errors in ((1.0, trial_result.before), (0.5, trial_result.after)):
             points = motion(trial.program.pressure.max() / 1e3, bending)
             assert errors == trial_errors(trial.load().frames, points, noise, seed=3 + trial.order)
 
@@ -197,18 +199,18 @@ class Tosser(Curler):
 
 def test_sensitive_stretches_are_left_out_and_named(measured, tmp_path):
     blind = evaluate_sets(forward_model(Curler(), SOFT), [measured])
-    found = evaluate_sets(forward_model(Curler(), SOFT), [measured], coarse=Tosser())
+    evaluation = evaluate_sets(forward_model(Curler(), SOFT), [measured], coarse=Tosser())
     assert blind.to_json()["unjudged"] is None
-    printed = found.to_json()
+    printed = evaluation.to_json()
     [stretch] = printed["unjudged"]
     assert (stretch["trial"], stretch["from_s"], stretch["to_s"]) == ("002", 0.0, 0.3)
     assert printed["share_unjudged"] == pytest.approx(0.5)
     assert printed["designs"]["cross"]["without_judged_frame"] == ["002"]
     assert not printed["designs"]["cross"]["diverged"]
-    means = [one.designs["cross"].after["surface_rms"] for one in (blind, found)]
+    means = [one.designs["cross"].after["surface_rms"] for one in (blind, evaluation)]
     assert means[0].std > 0 and means[1].std == 0  # one trial is left
     assert means[1].mean == blind.designs["cross"].trials[0].after.surface_rms
-    write_evaluation(found, tmp_path / "out")
+    write_evaluation(evaluation, tmp_path / "out")
     text = (tmp_path / "out/evaluation.md").read_text()
     assert "Left out as sensitive, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame used: 002" in text
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])

@@ -73,37 +73,35 @@ def calibrated(measured: MeasurementSet) -> tuple[Model, str]:
     return with_spread(MODEL, [t for t in measured.trials if t.role == "fit"], Roll())
 
 
-def test_calibrated_on_some_trials_they_hold_on_others(
-    measured: MeasurementSet, calibrated: tuple[Model, str], tmp_path: Path
-) -> None:
-    model, said = calibrated
+def test_calibrated_on_some_trials_they_hold_on_others(measured: MeasurementSet, calibrated: tuple[Model, str]) -> None:
+    model, sentence = calibrated
     spread = model.spread
     assert spread is not None and spread.trials == 10 and 0.75 <= spread.held <= 1
-    assert said.startswith("90 % intervals calibrated on 10 trials that were not fitted: mean width ")
+    assert sentence.startswith("90 % intervals calibrated on 10 trials that were not fitted: mean width ")
     evaluation = evaluate_sets(forward_model(Roll(), model), [measured])
     [design] = evaluation.designs.values()
-    found = design.intervals
-    assert found is not None and 0.75 <= found.inside <= 1 and found.count == 8 * 2 * 9
+    intervals = design.intervals
+    assert intervals is not None and 0.75 <= intervals.inside <= 1 and intervals.count == 8 * 2 * 9
     shown = json.loads(json.dumps(evaluation.to_json()))["designs"]["cross"]
-    assert shown["intervals"]["width_mm"] == pytest.approx(1e3 * found.width)
+    assert shown["intervals"]["width_mm"] == pytest.approx(1e3 * intervals.width)
     assert shown["trials"]["002"]["intervals"]["inside"] >= 0
-    assert f"cross: 90 % intervals hold {found.inside:.0%} of the regions' heights" in tables_markdown(evaluation)
+    assert f"cross: 90 % intervals hold {intervals.inside:.0%} of the regions' heights" in tables_markdown(evaluation)
     # the covariance alone: 1 % of the motion in place of 10
     alone = replace(spread, constant=1e-6, covariance=1.645, motion=0.0)
     [narrow] = evaluate_sets(forward_model(Roll(), replace(model, spread=alone)), [measured]).designs.values()
-    assert narrow.intervals is not None and narrow.intervals.inside < 0.5 < found.inside
-    assert narrow.intervals.crps > found.crps
+    assert narrow.intervals is not None and narrow.intervals.inside < 0.5 < intervals.inside
+    assert narrow.intervals.crps > intervals.crps
     [none] = evaluate_sets(forward_model(Roll(), MODEL), [measured]).designs.values()
     assert none.intervals is None and none.after == design.after
 
 
 def test_too_few_trials_calibrate_nothing(measured: MeasurementSet) -> None:
     forward = Roll()
-    model, said = with_spread(MODEL, measured.trials[:4], forward)
+    model, sentence = with_spread(MODEL, measured.trials[:4], forward)
     assert model.spread is None and forward.asked == 0
-    assert said == "intervals of motions are not calibrated: 4 trials of role fit are left for it; expected 5"
-    model, said = with_spread(MODEL, measured.trials, forward, used=lambda trial: np.zeros(len(TIMES), dtype=bool))
-    assert model.spread is None and "not calibrated: 0 trials" in said
+    assert sentence == "intervals of motions are not calibrated: 4 trials of role fit are left for it; expected 5"
+    model, sentence = with_spread(MODEL, measured.trials, forward, used=lambda trial: np.zeros(len(TIMES), dtype=bool))
+    assert model.spread is None and "not calibrated: 0 trials" in sentence
 
 
 def test_without_a_covariance_the_motion_alone_says_how_wide(measured: MeasurementSet) -> None:
@@ -154,10 +152,10 @@ def test_calibrate_leaves_trials_of_role_test_alone(measured: MeasurementSet, mo
         return replace(model, spread=None), "said"
 
     monkeypatch.setattr(calibration, "with_spread", spared)
-    found = calibration.calibrate_sets(
+    result = calibration.calibrate_sets(
         measured, Roll(), options=calibration.CalibrationOptions(orders=[0, 9, 21], intervals=True)
     )
-    assert found.intervals == "said"
+    assert result.intervals == "said"
     assert len(asked) == 10 and not {"000", "009", "021"} & {*asked}
     assert {t.role for t in measured.trials if t.name in asked} == {"fit"}
 

@@ -34,7 +34,7 @@ from studies.loop.run import run_loop
 from studies.measured.fit_data import TooLittle
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
-from tests.few_effects import few_effects
+from tests.restricted_effects import restrict_effects
 
 NOISE = SensorNoise(0.0006, 0.002, 0.02)
 GAIN = 0.7  # of the devices' muscles
@@ -103,7 +103,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shape = Weak().equilibria([Case(design, constant_program(HIDDEN), {"muscle_gain": GAIN})])[0]
     np.savetxt(tmp_path / "target.xyz", NOISE.draw(Surface.of_faces(shape), 1500, np.random.default_rng(3)))
     (tmp_path / "key.toml").write_text('format = "fabdesign.key/1"\n')
-    few_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
+    restrict_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "lab.toml").write_text(LABORATORY)
     monkeypatch.setattr(
@@ -128,10 +128,10 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
     measured: list[int] = []
 
     def device(source: object, asked: Asked, out: Path, progress: Callable[[int, int], None]) -> MeasurementSet:
-        found = on_device(asked, out)
+        measurement_set = on_device(asked, out)
         measured.append(len(asked.programs))
         progress(1, len(asked.programs))
-        return found
+        return measurement_set
 
     monkeypatch.setattr("studies.loop.measuring.measured_on_rig", device)
     for at in ("turn 0, measuring: ", "turn 1, evaluating the shape"):
@@ -151,8 +151,8 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
     assert learned is not None
     assert learned["factors"]["muscle_types.EM20.muscle_gain"] == pytest.approx(GAIN, rel=0.05)
     assert learned["held_out"]["after"] < 0.5 * learned["held_out"]["before"]
-    found = json.loads((place / "out" / "result.json").read_text())
-    assert found["best"] == "turn_1" and found["stop_reason"] == outcome.stop_reason
+    result = json.loads((place / "out" / "result.json").read_text())
+    assert result["best"] == "turn_1" and result["stop_reason"] == outcome.stop_reason
     design = read_design(place / "out" / "design.toml")
     pressures = read_pressures(place / "out" / "pressures.csv", design).pressure[-1]
     assert pressures == pytest.approx(HIDDEN, rel=0.1)
@@ -212,9 +212,9 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
     measured = on_device(Asked(design, (constant_program(HIDDEN),), 1), place / "set")
     with work_folder(place / "work", made_by="loop") as work:
         lesson = Lesson(LoopStudy.read(place / "study.toml"), [measured], work, "turn_0", simulators, say=print)
-        found = lesson.traced(measured, Model())
+        trace = lesson.traced(measured, Model())
     assert forced == [False, True]
-    assert found == (None, None, ["not traced: d: 2 trials"])
+    assert trace == (None, None, ["not traced: d: 2 trials"])
 
 
 def test_a_laboratory_is_asked_and_answers(place: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -312,16 +312,16 @@ def test_a_program_within_a_rate_reaches_what_it_can() -> None:
     ],
 )
 def test_when_it_stops(excess: list[float], reason: str | None) -> None:
-    found = stop_reason(StopRule(2, 0.5e-3, 0.1), excess)
-    assert found is None if reason is None else found is not None and found.startswith(reason)
+    full_reason = stop_reason(StopRule(2, 0.5e-3, 0.1), excess)
+    assert full_reason is None if reason is None else full_reason is not None and full_reason.startswith(reason)
 
 
 @pytest.mark.parametrize(("truth", "believed"), [(8.0, 0.0), (-4.0, 4.0)])
 def test_the_cloth_is_found_in_its_points_whatever_was_believed(truth: float, believed: float) -> None:
     true, rng = rolled_sheet(truth), np.random.default_rng(2)
     points = np.concatenate([NOISE.draw(Surface.of_faces(true), 600, rng) for _ in range(8)])
-    found = resting_faces(points, standard().fabric, rolled_sheet(believed))
-    off = Surface.of_faces(found).distance(true)
+    faces = resting_faces(points, standard().fabric, rolled_sheet(believed))
+    off = Surface.of_faces(faces).distance(true)
     assert np.sqrt(np.mean(off**2)) < 0.12e-3
 
 
@@ -330,7 +330,7 @@ def test_a_reduced_loop_on_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     from studies.rig import RigSession, run_rig
     from studies.rig.scene import Resolution
 
-    few_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
+    restrict_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
     key = 'format = "fabdesign.key/1"\n[parameters]\nmuscle_gain = 0.75\n'
     (tmp_path / "key.toml").write_text(f"{key}[sensing]\nframe_rate = 20.0\npoints = 300\n")
     design = build("cross")

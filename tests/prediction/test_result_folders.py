@@ -94,9 +94,9 @@ def test_every_sample_of_a_sweep_is_a_row_with_own_outputs(tmp_path: Path) -> No
         trajectories=4,
     )
     run_sensitivity(study, tmp_path / "sweep", forward=AnalyticCloth(41))
-    found = run("table", tmp_path / "sweep", "-o", tmp_path / "samples.csv")
+    table = run("table", tmp_path / "sweep", "-o", tmp_path / "samples.csv")
     rows = list(csv.DictReader((tmp_path / "samples.csv").open()))
-    assert found["rows"] == len(rows) == 4 * 2
+    assert table["rows"] == len(rows) == 4 * 2
     by_pressure = sorted((float(row["pressure.0"]), float(row["height of corner (0, 0.2) [mm]"])) for row in rows)
     lowest, highest = by_pressure[0], by_pressure[-1]
     assert lowest[0] < highest[0]
@@ -141,7 +141,7 @@ def test_what_is_no_result_is_refused_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "damaged").mkdir()
     write_mark(tmp_path / "damaged", "optimize", [])
     (tmp_path / "damaged" / "result.json").write_text("{")
-    for words, said in (
+    for words, problem in (
         (("show", tmp_path / "plain"), "is no folder that fabdesign made"),
         (("show", tmp_path / "damaged"), "result.json: cannot be read"),
         (("list", tmp_path / "none"), "no such folder"),
@@ -151,6 +151,6 @@ def test_what_is_no_result_is_refused_in_a_line(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError) as refused:
             run(*words)
-        assert said in str(refused.value)
+        assert problem in str(refused.value)
         assert "\n" not in str(refused.value)
     assert not list(tmp_path.glob("t.*"))

@@ -61,14 +61,16 @@ def test_intervals_that_follow_the_motion_are_narrower_where_it_is_small() -> No
         moved = rng.uniform(0.0, 0.1, 300)
         residual = 0.05 * moved * rng.standard_normal(300)
         every.append(RegionResiduals("one" if k % 2 else "two", residual, np.full(300, 1e-5), moved))
-    found = widths(every)
+    sigmas = widths(every)
 
     def inside(name: str) -> float:
-        off = [np.abs(one.residual) <= NORMAL90 * sigma for one, sigma in zip(every, found[name], strict=True)]
+        off = [np.abs(one.residual) <= NORMAL90 * sigma for one, sigma in zip(every, sigmas[name], strict=True)]
         return float(np.concatenate(off).mean())
 
     def score(name: str) -> float:
-        return float(np.mean([crps(one.residual, sigma).mean() for one, sigma in zip(every, found[name], strict=True)]))
+        return float(
+            np.mean([crps(one.residual, sigma).mean() for one, sigma in zip(every, sigmas[name], strict=True)])
+        )
 
     assert inside("joint covariance alone") < 0.1
     assert inside("constant") == pytest.approx(0.9, abs=0.04) and inside("all") == pytest.approx(0.9, abs=0.04)
@@ -94,10 +96,10 @@ def test_a_width_that_follows_the_motion_is_narrower_than_the_constant_that_hold
         pairs = zip(names, moved, strict=True)
         return [RegionResiduals(name, 0.1 * m * rng.standard_normal(400), np.full(400, 1e-6), m) for name, m in pairs]
 
-    own, others = trials(["layout_0"] * 6), trials(["layout_1"] * 3)
-    spread, _ = spread_from(own, [*range(6)], Model())
-    lines = [line.split(" | ") for line in table(Model(spread=spread), own, others).splitlines()[2:6]]
-    found = {cells[2]: (float(cells[3].rstrip("%")), float(cells[4])) for cells in lines}
-    assert found["the model"][0] == pytest.approx(90, abs=4) and found["the joint covariance alone"][0] < 10
-    assert found["a constant that holds as many"][0] == pytest.approx(found["the model"][0], abs=1)
-    assert found["the model"][1] < found["a constant that holds as many"][1]
+    calibration_trials, others = trials(["layout_0"] * 6), trials(["layout_1"] * 3)
+    spread, _ = spread_from(calibration_trials, [*range(6)], Model())
+    lines = [line.split(" | ") for line in table(Model(spread=spread), calibration_trials, others).splitlines()[2:6]]
+    rows = {cells[2]: (float(cells[3].rstrip("%")), float(cells[4])) for cells in lines}
+    assert rows["the model"][0] == pytest.approx(90, abs=4) and rows["the joint covariance alone"][0] < 10
+    assert rows["a constant that holds as many"][0] == pytest.approx(rows["the model"][0], abs=1)
+    assert rows["the model"][1] < rows["a constant that holds as many"][1]

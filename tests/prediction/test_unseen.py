@@ -96,15 +96,15 @@ def test_calibrated_intervals_hold_what_the_model_lacks_too(folder: Path) -> Non
     model = read_model(folder / "m.toml")
     spread = Spread(0.004, NORMAL90, 0.0, 20, 0.9, spread_hash(model))
     write_model(replace(model, spread=spread), folder / "m.toml")
-    found = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
-    assert found.unsewn.calibrated and "calibrated on 20 measured trials" in as_text(found)
-    one, other = (result.to_json()["poses"][0]["tip_mm"] for result in (alone, found))
+    calibrated = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
+    assert calibrated.unsewn.calibrated and "calibrated on 20 measured trials" in as_text(calibrated)
+    one, other = (result.to_json()["poses"][0]["tip_mm"] for result in (alone, calibrated))
     for axis in "yz":  # 4 mm along the normal at the lower edge, in quadrature
-        before, after = (own[axis][2] - own[axis][0] for own in (one, other))
+        before, after = (tip[axis][2] - tip[axis][0] for tip in (one, other))
         assert after > before
-    bands = [result.to_json()["poses"][0]["band_mm"] for result in (alone, found)]
+    bands = [result.to_json()["poses"][0]["band_mm"] for result in (alone, calibrated)]
     assert np.sqrt(bands[1] ** 2 - bands[0] ** 2) == pytest.approx(4 / NORMAL90, rel=0.15)
-    assert found.unsewn.measurement == alone.unsewn.measurement
+    assert calibrated.unsewn.measurement == alone.unsewn.measurement
 
 
 def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) -> None:
@@ -124,14 +124,15 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert not pose["snaps"]
     assert result.unsewn.unknown == ("muscle_types.EM20.axis_offset",)
     assert result.unsewn.corrector.sentence == "no corrector in this model"
-    found = result.to_json()["measurement"]
-    assert found["spread_mm"] == pytest.approx(pose["band_mm"], rel=0.15)
-    assert next(iter(found["candidates"])) == "200,200"
-    assert found["candidates"]["0,0"]["left_mm"] == pytest.approx(found["spread_mm"])  # at rest nothing is learned
-    assert found["candidates"]["200,200"]["left_mm"] < 0.3 * found["spread_mm"]
-    assert [*found["in_turn_mm"]] == ["200,200", "0,0"]
-    assert found["due_to_mm"]["damping"] == pytest.approx(0, abs=1e-3)
-    assert found["program"]["pressure_kpa"] == [[200, 200]]
+    measurement = result.to_json()["measurement"]
+    assert measurement["spread_mm"] == pytest.approx(pose["band_mm"], rel=0.15)
+    assert next(iter(measurement["candidates"])) == "200,200"
+    # at rest nothing is learned
+    assert measurement["candidates"]["0,0"]["left_mm"] == pytest.approx(measurement["spread_mm"])
+    assert measurement["candidates"]["200,200"]["left_mm"] < 0.3 * measurement["spread_mm"]
+    assert [*measurement["in_turn_mm"]] == ["200,200", "0,0"]
+    assert measurement["due_to_mm"]["damping"] == pytest.approx(0, abs=1e-3)
+    assert measurement["program"]["pressure_kpa"] == [[200, 200]]
     assert (folder / "out" / "report.html").read_text().count("<svg") == 1
     across = pose["outputs"]["distance from left (0, 0.2) to right (0.2, 0.2)"]
     assert across["unit"] == "mm" and across["percentiles"] == pytest.approx([200.0] * 3, abs=0.01)  # it curls down
@@ -156,8 +157,8 @@ def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(fol
     result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
     page, text = (folder / "out" / "report.html").read_text(), as_text(result)
     assert result.unsewn.doubted == ("bending",)
-    for said in ("intervals of bending are not reliable", "a grid of 61 points a side; these shapes have 21"):
-        assert said in page and said in text
+    for sentence in ("intervals of bending are not reliable", "a grid of 61 points a side; these shapes have 21"):
+        assert sentence in page and sentence in text
 
 
 def test_designs_for_which_there_was_no_time_are_said(folder: Path) -> None:
@@ -180,9 +181,9 @@ def test_measurements_in_turn_do_not_tell_the_same_twice() -> None:
     b = np.eye(3)
     both = {"a": np.diag([9.0, 0, 0]), "much like a": np.diag([8.0, 0, 0]), "b": np.diag([0, 3.0, 0])}
     assert sorted(both, key=lambda name: after(b, both[name])) == ["a", "much like a", "b"]
-    found = in_turn(b, both, 2)
-    assert [*found] == ["a", "b"]
-    assert [*found.values()] == pytest.approx([np.sqrt(0.1 + 2), np.sqrt(0.1 + 0.25 + 1)])
+    sequence = in_turn(b, both, 2)
+    assert [*sequence] == ["a", "b"]
+    assert [*sequence.values()] == pytest.approx([np.sqrt(0.1 + 2), np.sqrt(0.1 + 0.25 + 1)])
     assert [*in_turn(b, both, 5)] == ["a", "b", "much like a"]
 
 
@@ -223,18 +224,18 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
 
     with pytest.raises(Stop):
         run_unseen(folder / "s.toml", folder / "out", forward=Arc(15), progress=killed)
-    told: list[str] = []
+    lines: list[str] = []
     result = run_unseen(
-        folder / "s.toml", folder / "out", forward=Arc(15), progress=lambda line, share: told.append(line)
+        folder / "s.toml", folder / "out", forward=Arc(15), progress=lambda line, share: lines.append(line)
     )
-    assert told and not any(line.startswith("without one") for line in told)
+    assert lines and not any(line.startswith("without one") for line in lines)
     assert set(result.left_out) == {"one", "two"}
-    for found in result.left_out.values():
-        assert len(found["trials"]) == 2
-        assert found["fitted"] == 3
-        assert found["after"]["surface_rms"]["mean"] < found["before"]["surface_rms"]["mean"]
-        assert found["closed"]["value"] > 0.8
-        assert {"mean", "max", "min", "std"} <= set(found["after"]["chamfer"])
+    for entry in result.left_out.values():
+        assert len(entry["trials"]) == 2
+        assert entry["fitted"] == 3
+        assert entry["after"]["surface_rms"]["mean"] < entry["before"]["surface_rms"]["mean"]
+        assert entry["closed"]["value"] > 0.8
+        assert {"mean", "max", "min", "std"} <= set(entry["after"]["chamfer"])
     page = (folder / "out" / "report.html").read_text()
     assert page.count("data:image/png") == page.count("<svg") == 2
     trial = next((folder / "set").rglob("*.npz"))
@@ -245,24 +246,24 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
         run_unseen(folder / "s.toml", folder / "out", forward=Arc(15))
 
 
-def test_effects_are_fitted_to_the_others_and_carried_over(folder: Path, run: Run) -> None:
+def test_effects_are_fitted_to_the_others_and_carried_over(folder: Path) -> None:
     write_measured(folder, effects=(Term("rest_curvature", {"down": 6.0}),))
     text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\nfree = ["rest_curvature.down"]\n'
     (folder / "s.toml").write_text(text)
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15))
     assert set(result.left_out) == {"one", "two"}
-    for found in result.left_out.values():
-        (effect,) = found["effects"]
+    for entry in result.left_out.values():
+        (effect,) = entry["effects"]
         curvature = effect["parameters"]["down"]
         assert effect["name"] == "rest_curvature"
         assert curvature["value"] == pytest.approx(6.0, rel=0.15)  # the prior holds the bending to the data sheet's
-        before, alone, after = (found[way]["surface_rms"]["mean"] for way in ("before", "without_effects", "after"))
+        before, alone, after = (entry[way]["surface_rms"]["mean"] for way in ("before", "without_effects", "after"))
         assert after < 0.5 * alone and after < 0.5 * before  # no factor bends a cloth at rest
-        floor = found["after"]["surface_floor"]["mean"]
+        floor = entry["after"]["surface_floor"]["mean"]
         assert after == pytest.approx(floor, rel=0.1)
-    page, told = (folder / "out" / "report.html").read_text(), as_text(result)
+    page, summary = (folder / "out" / "report.html").read_text(), as_text(result)
     assert "rest curvature.down" in page and page.count("without effects</td>") == 4
-    assert told.count("with factors alone") == 2
+    assert summary.count("with factors alone") == 2
 
 
 def test_an_effect_that_does_not_exist_is_refused_before_anything_is_computed(folder: Path, run: Run) -> None:
@@ -294,13 +295,13 @@ def test_sensitive_stretches_are_neither_fitted_nor_evaluated(folder: Path) -> N
     text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\n'
     (folder / "s.toml").write_text(text)
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15), coarse=Toss())
-    for name, found in result.left_out.items():
+    for name, entry in result.left_out.items():
         other = {"one": "two", "two": "one"}[name]
-        assert [(s["trial"], s["from_s"], s["to_s"]) for s in found["unjudged"]] == [(f"{name}_2", 0.3, 0.9)]
-        assert [s["trial"] for s in found["fit_unjudged"]] == [f"{other}_2"]
-        assert found["share_unjudged"] == pytest.approx(3 / 15)
-        assert found["trials"][f"{name}_2"]["after"]["surface_rms"] < 0.7  # mm: the noise
-        assert found["closed"]["value"] > 0.8
+        assert [(s["trial"], s["from_s"], s["to_s"]) for s in entry["unjudged"]] == [(f"{name}_2", 0.3, 0.9)]
+        assert [s["trial"] for s in entry["fit_unjudged"]] == [f"{other}_2"]
+        assert entry["share_unjudged"] == pytest.approx(3 / 15)
+        assert entry["trials"][f"{name}_2"]["after"]["surface_rms"] < 0.7  # mm: the noise
+        assert entry["closed"]["value"] > 0.8
     assert "without 20 % of their frames" in (folder / "out" / "report.html").read_text()
 
 

@@ -33,9 +33,9 @@ def laid(*paths: tuple[tuple[float, float], ...], side: str = "front", **values:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_catalogue_is_sound_and_plausible(layout: str) -> None:
-    found = design_findings(build(layout), "d")
-    assert found.problems == ()
-    assert len(found.warnings) == (layout == "cross")  # whose muscles cross on one face
+    findings = design_findings(build(layout), "d")
+    assert findings.problems == ()
+    assert len(findings.warnings) == (layout == "cross")  # whose muscles cross on one face
 
 
 @pytest.mark.parametrize(
@@ -86,22 +86,22 @@ WARNINGS = [
 
 @pytest.mark.parametrize(("design", "warning"), WARNINGS, ids=[warning for _, warning in WARNINGS])
 def test_what_is_implausible_is_a_warning(design: object, warning: str) -> None:
-    found = design_findings(design, "d")
-    assert found.problems == ()
-    assert any(warning in line for line in found.warnings), found.warnings
+    findings = design_findings(design, "d")
+    assert findings.problems == ()
+    assert any(warning in line for line in findings.warnings), findings.warnings
 
 
-@pytest.mark.parametrize(("diameter", "said"), [(1.8, "and 1.8 was probably given in mm"), (0.06, "at most 0.05 m")])
-def test_a_muscle_wider_than_any_is_one_line(diameter: float, said: str) -> None:
+@pytest.mark.parametrize(("diameter", "message"), [(1.8, "and 1.8 was probably given in mm"), (0.06, "at most 0.05 m")])
+def test_a_muscle_wider_than_any_is_one_line(diameter: float, message: str) -> None:
     [line] = design_findings(changed(outer_diameter=diameter), "d").problems
-    assert said in line and "muscle_types.EM20: outer_diameter" in line
+    assert message in line and "muscle_types.EM20: outer_diameter" in line
 
 
 def test_of_many_pairs_the_first_are_named_and_the_rest_counted() -> None:
-    found = design_findings(build("basic", muscles=100), "d")  # 4 mm apart, each from its neighbours on its face
-    assert found.problems == ()
-    assert len(found.warnings) == 4
-    assert found.warnings[-1] == "d: and so 95 more pairs of muscles on one face"
+    findings = design_findings(build("basic", muscles=100), "d")  # 4 mm apart, each from its neighbours on its face
+    assert findings.problems == ()
+    assert len(findings.warnings) == 4
+    assert findings.warnings[-1] == "d: and so 95 more pairs of muscles on one face"
 
 
 @given(st.sampled_from([*FABRIC.items(), *MUSCLE_TYPE.items()]), st.floats(-3, 3))
@@ -206,10 +206,10 @@ def test_a_study_opens_its_targets_and_weighs_its_start(kinds: Path) -> None:
     (kinds / "study.toml").write_text(
         f'kind = "optimize"\ndesign = "cross.toml"\n{targets}[variables]\npositions = true\n'
     )
-    found = inspect(kinds / "study.toml")
-    assert len(found.problems) == 1
-    assert "empty.xyz" in found.problems[0]
-    assert any("the search starts outside its limits" in line for line in found.warnings)
+    findings = inspect(kinds / "study.toml")
+    assert len(findings.problems) == 1
+    assert "empty.xyz" in findings.problems[0]
+    assert any("the search starts outside its limits" in line for line in findings.warnings)
 
 
 def test_a_study_of_more_muscles_than_fit_is_judged_as_its_command_does(kinds: Path) -> None:
@@ -220,10 +220,10 @@ def test_a_study_of_more_muscles_than_fit_is_judged_as_its_command_does(kinds: P
     (line,) = inspect(kinds / "many.toml").problems
     assert line.endswith("many.toml: no layout of 60 muscles keeps the limits; expected wider ones")
     (kinds / "grid.toml").write_text(f'kind = "layouts"\n{head}[grid]\nmuscles = [2, 60]\nsides = ["front"]\n')
-    found = inspect(kinds / "grid.toml")
-    assert not found.problems
-    assert [line for line in found.warnings if "60_EM20_front: no layout of 60 muscles" in line]
-    assert not any("outside its limits" in line for line in found.warnings)
+    findings = inspect(kinds / "grid.toml")
+    assert not findings.problems
+    assert [line for line in findings.warnings if "60_EM20_front: no layout of 60 muscles" in line]
+    assert not any("outside its limits" in line for line in findings.warnings)
 
 
 def test_pressures_that_are_no_kilopascals_or_seconds_are_warned_of(tmp_path: Path) -> None:
@@ -276,9 +276,9 @@ def test_a_key_of_a_bench_that_nothing_reads_is_warned_of(tmp_path: Path) -> Non
         'output = "force_n"\ngauge_length = 0.1\n[constants]\nwidht = 0.05\n[[records]]\nfile = "r.csv"\n'
     )
     (tmp_path / "r.csv").write_text("stretch,force_n\n1,0\n1.1,1\n1.2,2\n")
-    found = inspect(tmp_path)
-    assert found.problems == ()
-    speciment, widht = found.warnings
+    findings = inspect(tmp_path)
+    assert findings.problems == ()
+    speciment, widht = findings.warnings
     assert speciment.endswith("speciment is a text that nothing reads (did you mean specimen?)")
     assert widht.endswith("widht is a constant that nothing reads (did you mean width?)")
 

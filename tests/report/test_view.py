@@ -79,11 +79,11 @@ def test_a_folder_that_is_no_set_says_what_it_is_and_what_of_it_can_be_viewed(tm
         (result / name).touch()
     with pytest.raises(InputError) as refused:
         items_of([result])
-    said = str(refused.value)
-    assert said.startswith(f"{result}: holds what fabdesign optimize made, no measurement set; ")
-    assert f"{result / 'report.html'} shows it" in said
+    message = str(refused.value)
+    assert message.startswith(f"{result}: holds what fabdesign optimize made, no measurement set; ")
+    assert f"{result / 'report.html'} shows it" in message
     simulate = f"fabdesign simulate {result / 'design.toml'} --pressures {result / 'pressures.csv'} -o MOTION.npz"
-    assert said.endswith(simulate) and "\n" not in said
+    assert message.endswith(simulate) and "\n" not in message
     predicted = tmp_path / "predicted" / "trials"
     predicted.mkdir(parents=True)
     write_mark(predicted.parent, "predict", [])
@@ -181,7 +181,7 @@ def test_what_cannot_be_shown_is_refused_and_nothing_is_written(files: tuple[Pat
     far = tmp_path / "far.xyz"
     far.write_text("0 0 0\n200 0 0\n0 200 0\n")
     out = tmp_path / "out" / "p.html"
-    for words, said in (
+    for words, message in (
         ((tmp_path / "none.npz", "-o", out), "none.npz"),
         ((tmp_path / "notes.md", "-o", out), "notes.md"),
         ((far, "-o", out), "far.xyz: points are beyond 5 m; expected metres"),
@@ -193,8 +193,8 @@ def test_what_cannot_be_shown_is_refused_and_nothing_is_written(files: tuple[Pat
         ((*files, "--marker", "a=0,0", "-o", out), "points in a table; expected an output that ends in .csv"),
         ((*files, "--marker", "a", "-o", out.with_suffix(".csv")), "--marker a: expected NAME=U,V"),
         ((*files, "-o", out.with_suffix(".csv")), "trial, measured: is a cloud or mesh, without named points"),
-        (([files[0]] * 9)[:9] + ["-o", out], "9 panels; expected at most 8"),
+        ([files[0]] * 9 + ["-o", out], "9 panels; expected at most 8"),
     ):
         code, text = run(*words)
-        assert (code, said in text, text.count("\n")) == (2, True, 0), text
+        assert (code, message in text, text.count("\n")) == (2, True, 0), text
         assert not (tmp_path / "out").exists()

@@ -74,13 +74,13 @@ def test_muscles_of_a_flat_cloth_have_their_rest_length(files: dict[str, Path]) 
 def test_geometry_gives_the_simulators_contraction() -> None:
     from sim import Simulator
 
-    found = Simulator(21).run([Case(DESIGN, constant_program([300e3, 100e3]))], [np.array([0.3])])[0]
-    muscles = laced_muscles(DESIGN, found.points)
+    simulated = Simulator(21).run([Case(DESIGN, constant_program([300e3, 100e3]))], [np.array([0.3])])[0]
+    muscles = laced_muscles(DESIGN, simulated.points)
     lengths = np.linalg.norm(np.diff(muscles.points, axis=1), axis=-1)[:, muscles.intervals[:, 0]]
     rest = np.concatenate([np.linalg.norm(np.diff(m.fixed_points(), axis=0), axis=1) for m in DESIGN.muscles])
     # a loop holds an area of the cloth, a place on the picture is a point
-    assert np.abs(1 - lengths / rest - found.contraction).max() < 0.01
-    assert found.contraction.max() > 0.03
+    assert np.abs(1 - lengths / rest - simulated.contraction).max() < 0.01
+    assert simulated.contraction.max() > 0.03
 
 
 def test_strain_of_a_stretched_and_sheared_cloth_is_what_it_was_stretched_by() -> None:
@@ -126,8 +126,8 @@ def test_a_glb_holds_every_frame_as_a_morph_target(files: dict[str, Path], tmp_p
     weights = read(asset, binary, sampler["output"]).reshape(len(TIMES), -1)
     base = read(asset, binary, moving["primitives"][0]["attributes"]["POSITION"])
     targets = [read(asset, binary, t["POSITION"]) for t in moving["primitives"][0]["targets"]]
-    for points, own in zip(motion(), weights, strict=True):
-        shown = base + np.tensordot(own, targets, axes=1)
+    for points, frame_weights in zip(motion(), weights, strict=True):
+        shown = base + np.tensordot(frame_weights, targets, axes=1)
         np.testing.assert_allclose(shown[:POINTS], points, atol=1e-6)
     scene = trimesh.load(out)
     assert len(scene.geometry) == 5
@@ -153,10 +153,10 @@ def glb(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def read(asset: dict[str, Any], binary: bytes, accessor: int) -> np.ndarray:
-    own = asset["accessors"][accessor]
-    begin = asset["bufferViews"][own["bufferView"]].get("byteOffset", 0)
-    width = {"SCALAR": 1, "VEC3": 3}[own["type"]]
-    return np.frombuffer(binary, "<f4", own["count"] * width, begin).reshape(-1, width)
+    entry = asset["accessors"][accessor]
+    begin = asset["bufferViews"][entry["bufferView"]].get("byteOffset", 0)
+    width = {"SCALAR": 1, "VEC3": 3}[entry["type"]]
+    return np.frombuffer(binary, "<f4", entry["count"] * width, begin).reshape(-1, width)
 
 
 def test_a_vtk_series_opens_with_all_that_is_known(files: dict[str, Path], tmp_path: Path) -> None:
@@ -202,8 +202,8 @@ def test_a_recording_for_rerun_is_sound(files: dict[str, Path], tmp_path: Path) 
     pytest.importorskip("rerun")
     view(files["motion"], files["trial"], "-o", tmp_path / "m.rrd")
     verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(tmp_path / "m.rrd")]
-    found = subprocess.run(verify, capture_output=True, text=True, check=False)
-    assert "1 file verified without error" in found.stdout + found.stderr
+    completed = subprocess.run(verify, capture_output=True, text=True, check=False)
+    assert "1 file verified without error" in completed.stdout + completed.stderr
     (tmp_path / "m.rrd").write_bytes((tmp_path / "m.rrd").read_bytes()[:1000])
     assert subprocess.run(verify, capture_output=True, check=False).returncode
 
@@ -226,8 +226,8 @@ def test_without_ffmpeg_a_video_says_what_to_install(
     monkeypatch.setattr(sys, "argv", ["fabdesign", "view", str(files["motion"]), "-o", str(tmp_path / "m.mp4")])
     with pytest.raises(SystemExit):
         main()
-    said = "fabdesign: needs imageio_ffmpeg; install it with: pip install 'fabdesign[video]'\n"
-    assert capsys.readouterr().err == said
+    message = "fabdesign: needs imageio_ffmpeg; install it with: pip install 'fabdesign[video]'\n"
+    assert capsys.readouterr().err == message
 
 
 def test_a_missing_package_is_said_in_one_line_before_work(
@@ -262,11 +262,11 @@ def test_panels_say_how_far_they_are_apart(files: dict[str, Path], tmp_path: Pat
 
 
 def test_a_floor_that_few_points_cannot_tell_is_not_told(files: dict[str, Path], tmp_path: Path) -> None:
-    few = tmp_path / "few.xyz"
-    few.write_text("\n".join("{:.5f} {:.5f} {:.5f}".format(*p) for p in motion()[-1][::40]))
-    found = view(few, files["motion"], "-o", tmp_path / "few.html")["panels"][1]["distance"]
-    assert found["chamfer_floor"] is None
-    assert found["surface_rms"] < 1e-2
+    sparse = tmp_path / "few.xyz"
+    sparse.write_text("\n".join("{:.5f} {:.5f} {:.5f}".format(*p) for p in motion()[-1][::40]))
+    distance = view(sparse, files["motion"], "-o", tmp_path / "few.html")["panels"][1]["distance"]
+    assert distance["chamfer_floor"] is None
+    assert distance["surface_rms"] < 1e-2
 
 
 def test_a_still_mesh_has_one_colour_and_nothing_to_play(files: dict[str, Path], tmp_path: Path) -> None:
@@ -275,9 +275,9 @@ def test_a_still_mesh_has_one_colour_and_nothing_to_play(files: dict[str, Path],
     assert 'id="play"' not in page
     assert page.count("[0.45,0.6,0.42]") == 1
     assert "[0.8,0.22,0.22]" not in page
-    found = view(files["motion"], files["mesh"], "-o", tmp_path / "both.html")["panels"][1]["distance"]
-    assert found["from"] == "motion"
-    assert found["unit"] == "mm"
+    distance = view(files["motion"], files["mesh"], "-o", tmp_path / "both.html")["panels"][1]["distance"]
+    assert distance["from"] == "motion"
+    assert distance["unit"] == "mm"
     assert 'id="play"' in (tmp_path / "both.html").read_text()
 
 

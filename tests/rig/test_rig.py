@@ -194,10 +194,10 @@ def test_all_listed_effects_are_there_and_others() -> None:
 
 def test_a_design_with_an_effect_of_its_bench_has_it_on_the_rig() -> None:
     friction = Term("braid_hysteresis", {"friction": 0.001, "friction_at_zero": 0.1}, "muscle_types.EM20")
-    found, key = replace(DUO, effects=(friction,)), EffectSetting("braid_hysteresis", {"friction": 0.002})
+    design, key = replace(DUO, effects=(friction,)), EffectSetting("braid_hysteresis", {"friction": 0.002})
     typical = {"friction": 0.001, "friction_at_zero": 0.1, "slip": 0.005}
-    assert with_effects_of(found, GroundTruth()).effects == (EffectSetting("braid_hysteresis", typical),)
-    assert with_effects_of(found, GroundTruth(effects=(key,))).effects == (key,)
+    assert with_effects_of(design, GroundTruth()).effects == (EffectSetting("braid_hysteresis", typical),)
+    assert with_effects_of(design, GroundTruth(effects=(key,))).effects == (key,)
     elsewhere = replace(DUO, effects=(replace(friction, scope="muscle_types.OTHER"),))
     assert with_effects_of(elsewhere, GroundTruth()).effects == ()
     learned = replace(DUO, effects=(Term("learned", {}, "muscle_types.EM20"),))
@@ -293,16 +293,16 @@ def test_workers_end_with_a_rig_and_no_half_set_is_left(number: signal.Signals, 
     before = set(tmp_path.iterdir())
     rig = subprocess.Popen(line, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     born = Path(f"/proc/{rig.pid}/task/{rig.pid}/children")
-    workers = wait_for(lambda: [*filter(is_worker, born.read_text().split())], lambda found: len(found) == 2)
+    workers = wait_for(lambda: [*filter(is_worker, born.read_text().split())], lambda pids: len(pids) == 2)
     time.sleep(3)  # until they are at work
     assert all(map(is_worker, workers))
     rig.send_signal(number)
     _, error = rig.communicate()
-    wait_for(lambda: [*filter(is_worker, workers)], lambda left: not left)
+    wait_for(lambda: [*filter(is_worker, workers)], lambda pids: not pids)
     if number is signal.SIGTERM:
-        estimate, *said = error.splitlines()
+        estimate, *lines = error.splitlines()
         assert estimate.startswith("2 trials, ")
-        assert (rig.returncode, said) == (143, ["fabdesign: terminated by SIGTERM"])
+        assert (rig.returncode, lines) == (143, ["fabdesign: terminated by SIGTERM"])
         assert set(tmp_path.iterdir()) - {tmp_path / "cache"} == before
         assert not list(tmp_path.rglob(".unfinished*"))
     else:
@@ -318,10 +318,10 @@ def is_worker(pid: str) -> bool:
 
 def wait_for(look: Callable[[], list[str]], enough: Callable[[list[str]], bool], seconds: float = 60) -> list[str]:
     end = time.monotonic() + seconds
-    while not enough(found := look()):
-        assert time.monotonic() < end, f"after {seconds:g} s: {found}"
+    while not enough(pids := look()):
+        assert time.monotonic() < end, f"after {seconds:g} s: {pids}"
         time.sleep(0.1)
-    return found
+    return pids
 
 
 def test_the_same_task_comes_from_the_cache(cache: Path) -> None:

@@ -57,11 +57,11 @@ def test_clearance_is_the_least_distance_of_two_segments(
     a, b, c, d = np.array([p, q, r, s])
     t = np.linspace(0, 1, 201)[:, None]
     sampled = np.linalg.norm((a + t * (b - a))[:, None] - (c + t * (d - c))[None], axis=2).min()
-    found = clearance(np.array([a, b]), np.array([c, d]))
+    distance = clearance(np.array([a, b]), np.array([c, d]))
     spacing = (np.linalg.norm(b - a) + np.linalg.norm(d - c)) / 200  # how far a sample may lie from the nearest place
-    if found >= 0:
-        assert found <= sampled + 1e-12
-        assert sampled <= found + spacing + 1e-12
+    if distance >= 0:
+        assert distance <= sampled + 1e-12
+        assert sampled <= distance + spacing + 1e-12
     else:
         assert sampled <= spacing
 
@@ -121,9 +121,9 @@ def test_thinned_starts_are_the_design_s_own_muscles_under_their_pressures():
     every = thinned_starts(DesignSpace(design, Limits(), pressures), 7, number=10, seed=1)
     left_out = set()
     for space, x in every:
-        thinned, own = space.decode(x)
+        thinned, kept_pressures = space.decode(x)
         assert [muscle.channel for muscle in thinned.muscles] == list(range(7))
-        kept = [int(p / 1e3) - 1 for p in own[0].round()]
+        kept = [int(p / 1e3) - 1 for p in kept_pressures[0].round()]
         assert [m.path for m in thinned.muscles] == [design.muscles[k].path for k in kept]
         left_out |= set(range(8)) - set(kept)
     assert len(every) == 8 and left_out == set(range(8))

@@ -61,29 +61,29 @@ def leave_out(start: Start, price: Price, least: int = 1, target: Start = TWO) -
         cloud = Target(np.random.default_rng(1).normal(cloud_of(target), 6e-4))
         evaluations = Evaluations(Objective([cloud]), [start], stages, history, seconds=600, evaluations=9000)
         [(value, _)] = evaluations.evaluate(1, [(0, start[1])])
-        found = fewer_muscles(evaluations, least=least, price=price)
+        thinned = fewer_muscles(evaluations, least=least, price=price)
         assert evaluations.best is not None
         assert (evaluations.best.start, evaluations.best.value) == (0, value)
         assert len(evaluations.starts) == 1  # what was tried is forgotten
         values = [value for _, value in evaluations.reached.front]
-        assert values == sorted(values, reverse=True) and evaluations.reached.front[-1][1] <= min(value, found.value)
-    return found
+        assert values == sorted(values, reverse=True) and evaluations.reached.front[-1][1] <= min(value, thinned.value)
+    return thinned
 
 
 def test_an_idle_muscle_and_one_that_does_the_same_go() -> None:
     four = layout((0.05, 0.15), (0.10, 0.1), (0.145, 0.12), (0.155, 0.12), pressures=[320, 0, 160, 160])
-    found = leave_out(four, Price())
-    assert (found.count, len(found.start[0].design.muscles)) == (4, 2)
-    assert found.value <= 1.03 * found.before
-    assert found.start[0].feasible(found.start[1])
+    thinned = leave_out(four, Price())
+    assert (thinned.count, len(thinned.start[0].design.muscles)) == (4, 2)
+    assert thinned.value <= 1.03 * thinned.before
+    assert thinned.start[0].feasible(thinned.start[1])
     kept = leave_out(four, Price(), least=3)
     assert len(kept.start[0].design.muscles) == 3
 
 
 def test_what_is_needed_stays_unless_a_price_pays_for_it() -> None:
-    found = leave_out(TWO, Price())
-    assert len(found.start[0].design.muscles) == 2
-    assert found.ended == "no smaller layout is near enough" and not found.cut
+    thinned = leave_out(TWO, Price())
+    assert len(thinned.start[0].design.muscles) == 2
+    assert thinned.ended == "no smaller layout is near enough" and not thinned.cut
     paid = leave_out(TWO, Price(muscle=0.2))  # m: no muscle is worth that
     assert len(paid.start[0].design.muscles) == 1
 
@@ -115,15 +115,15 @@ def test_what_is_not_needed_goes_while_the_muscles_stay() -> None:
     space, x = layout((0.05, 0.15), (0.15, 0.12), pressures=[265, 265])
     first, second = space.design.muscles
     bent = replace(first, path=(first.path[0], (0.052, 0.09), first.path[1]))
-    own = replace(space, design=replace(space.design, muscles=(bent, second)))
-    start = own, own.encode(own.design, own.start_pressures)
-    found = leave_out(start, Price(), least=2, target=(space, x))
-    design, pressures = found.start[0].decode(found.start[1])
+    bent_space = replace(space, design=replace(space.design, muscles=(bent, second)))
+    start = bent_space, bent_space.encode(bent_space.design, bent_space.start_pressures)
+    thinned = leave_out(start, Price(), least=2, target=(space, x))
+    design, pressures = thinned.start[0].decode(thinned.start[1])
     assert [len(muscle.path) for muscle in design.muscles] == [2, 2]
     assert [muscle.channel for muscle in design.muscles] == [0, 0] and pressures.shape == (1, 1)
-    assert not found.ended and found.value <= 1.03 * found.before
-    assert fewer_in_words(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channel:")
-    fewer = replace(found, count=3, value=1.068e-3, before=1.071e-3)
+    assert not thinned.ended and thinned.value <= 1.03 * thinned.before
+    assert fewer_in_words(STUDY, thinned).startswith("The 2 muscles, straight, are enough on 1 channel:")
+    fewer = replace(thinned, count=3, value=1.068e-3, before=1.071e-3)
     where = "2 muscles on 1 channel are enough, where the search came to 3"
     assert fewer_in_words(STUDY, fewer) == f"{where}: 1.07 mm with either."
     nearer = replace(fewer, before=1.05e-3)
@@ -150,9 +150,9 @@ def test_a_study_says_how_few_would_do_and_does_not_try_it_twice(study: Study, t
     front = result["fewer"]["front"]
     assert front[-1]["objective_mm"] <= result["fewer"]["before_mm"] and {row["muscles"] for row in front} <= {1, 2, 3}
     assert result["after_a_tenth_mm"] >= result["fewer"]["before_mm"]
-    told: list[int] = []
-    again = run_study(study, tmp_path / "out", forward=AnalyticCloth(21), progress=lambda _: told.append(1))
-    assert not told
+    calls: list[int] = []
+    again = run_study(study, tmp_path / "out", forward=AnalyticCloth(21), progress=lambda _: calls.append(1))
+    assert not calls
     assert again.to_json()["fewer"] == result["fewer"]
     assert again.to_json()["pressures_kpa"] == pytest.approx(result["pressures_kpa"])
 

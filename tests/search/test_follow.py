@@ -64,22 +64,22 @@ def rms(wanted: Wanted, motion) -> float:
 @pytest.mark.parametrize("effects", [(), (Term("braid_hysteresis", {"friction": 0.02}),)], ids=["bare", "memory"])
 def test_a_motion_goes_on_from_a_state_bit_for_bit(simulator, effects):
     case = Case(DESIGN, REGULATOR.program(TRUTH), effects=effects)
-    [whole] = simulator.run([case], [TIMES])
+    [full_motion] = simulator.run([case], [TIMES])
     [kept] = with_states(simulator, [case], at_rest(simulator, case), TIMES, [96 * k for k in range(1, 6)])
-    assert np.array_equal(kept.motion.middle, whole.middle)
+    assert np.array_equal(kept.motion.middle, full_motion.middle)
     later = TIMES[TIMES > 0.1]
     [rest] = go_on(simulator, [case], [kept.states[1]], [later])
-    assert np.array_equal(rest.middle, whole.middle[-len(later) :])
-    assert np.array_equal(rest.tension, whole.tension[-len(later) :])
+    assert np.array_equal(rest.middle, full_motion.middle[-len(later) :])
+    assert np.array_equal(rest.tension, full_motion.tension[-len(later) :])
 
 
 def test_programs_in_one_block_are_the_same_motions_but_for_shorter_steps(simulator):
     programs = [TRUTH, TRUTH[::-1].copy()]
-    cases = [Case(DESIGN, REGULATOR.program(own)) for own in programs]
+    cases = [Case(DESIGN, REGULATOR.program(set_points)) for set_points in programs]
     several = with_states(simulator, cases, at_rest(simulator, cases[0]), TIMES, [96 * 5])
-    for own, case in zip(several, cases, strict=True):
+    for kept, case in zip(several, cases, strict=True):
         [alone] = simulator.run([case], [TIMES])
-        assert np.abs(own.motion.middle - alone.middle).max() < 2e-4  # m: long steps after small jumps
+        assert np.abs(kept.motion.middle - alone.middle).max() < 2e-4  # m: long steps after small jumps
 
 
 def test_distances_change_as_differences_of_shapes_say(simulator, wanted):
@@ -152,8 +152,6 @@ def test_roughness_is_its_own_quadratic():
 def test_set_points_of_the_truth_stay(simulator, wanted):
     task = FollowTask(Case(DESIGN, REGULATOR.program(TRUTH)), wanted, REGULATOR, simulator)
     solved = solve(task, TRUTH.copy(), steps=2)
-    assert rms(wanted, moving(simulator, REGULATOR.kept(solved))) < 1.02 * rms(wanted, moving(simulator))
-    assert np.abs(solved - TRUTH)[:3].max() < 15e3  # Pa; the last set points hardly move a frame
     assert np.array_equal(solved, TRUTH)  # nothing is to be gained below the noise
 
 
@@ -162,7 +160,7 @@ def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
     motion = moving(simulator)
     shift = np.zeros_like(motion)
     shift[..., 2] = 2e-3
-    clouds = tuple(LoadedTarget(own) for own in motion + shift)
+    clouds = tuple(LoadedTarget(points) for points in motion + shift)
     wanted = Wanted(TIMES, clouds)
     case = Case(DESIGN, REGULATOR.program(TRUTH))
     with_it, without = (
@@ -271,16 +269,16 @@ def test_what_cannot_be_reached_is_answered_by_the_nearest_motion_and_the_reason
     assert "as fast as the regulator changes" in result.sentences[0]
     free = replace(result, regulator=replace(result.regulator, rate=np.inf))
 
-    def said(*rows):
+    def reason(*rows):
         [limit] = replace(
             free, pressures=np.array([*rows[:1] * (len(result.pressures) - len(rows)), *rows])
         ).limitations
         return limit.sentence
 
-    assert said([300e3, 0], [300e3, 0]).endswith("s channel 0 is at the highest pressure")  # the other one is idle
-    assert said([300e3, 300e3]).endswith("s channels 0, 1 are at the highest pressure")
-    assert said([50e3, 90e3], [0, 90e3]).endswith("s channel 0 is at the lowest pressure, after falling to it")
-    assert "no limit of the regulator is met" in said([50e3, 0], [50e3, 0])
+    assert reason([300e3, 0], [300e3, 0]).endswith("s channel 0 is at the highest pressure")  # the other one is idle
+    assert reason([300e3, 300e3]).endswith("s channels 0, 1 are at the highest pressure")
+    assert reason([50e3, 90e3], [0, 90e3]).endswith("s channel 0 is at the lowest pressure, after falling to it")
+    assert "no limit of the regulator is met" in reason([50e3, 0], [50e3, 0])
     unmoved = replace(free, pressures=np.full_like(free.pressures, 50e3))
     assert "the layout does not reach the shape" in unmoved.sentences[0]
     assert replace(unmoved, complete=False).sentences[0].endswith("s the shape is not reached so far")
@@ -299,7 +297,7 @@ def test_between_poses_the_pressures_swing_nothing_to_its_goal(tmp_path, quick, 
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "problem"),
     [
         ('[motion]\nfile = "none.npz"', "none.npz is not there"),
         ("", "expected one [motion], or [[moments]] with their times"),
@@ -313,10 +311,10 @@ def test_between_poses_the_pressures_swing_nothing_to_its_goal(tmp_path, quick, 
         ('[rig_limits]\ncycle = 0\n[[moments]]\ntime = 0.5\nwishes = [{edge = "bottom", forward = 0.05}]', "cycle = 0"),
     ],
 )
-def test_what_a_study_may_not_be_is_said_in_a_line(tmp_path, text, said):
+def test_what_a_study_may_not_be_is_said_in_a_line(tmp_path, text, problem):
     write_design(DESIGN, tmp_path / "cross.toml")
     (tmp_path / "s.toml").write_text(f'format = "fabdesign.study/1"\nkind = "follow"\ndesign = "cross.toml"\n{text}\n')
     with pytest.raises(InputError) as error:
         FollowStudy.read(tmp_path / "s.toml")
-    assert said in str(error.value)
+    assert problem in str(error.value)
     assert "\n" not in str(error.value)

@@ -85,11 +85,11 @@ def test_a_free_target_may_lie_anywhere(tmp_path: Path) -> None:
 def test_a_study_finds_the_shape_and_says_how_the_target_was_moved(tmp_path: Path) -> None:
     target = TargetFile(saved(tmp_path), free=True)
     study = Study("s", DESIGN, (target,), limits=StudyLimits(evaluations=300))
-    found = run_study(study, tmp_path / "out", forward=WithJacobian())
+    study_result = run_study(study, tmp_path / "out", forward=WithJacobian())
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["chamfer"] < 1.15 * result["chamfer_floor"]
     assert "moved by rotation [" in result["targets"][0]
     # the report shows the target where it was moved: on the cloth
-    assert np.linalg.norm(found.targets[0].points.mean(axis=0) - found.points[0].mean(axis=0)) < 5e-3
-    off = np.linalg.norm(found.points[0] - TRUTH, axis=1)
+    assert np.linalg.norm(study_result.targets[0].points.mean(axis=0) - study_result.points[0].mean(axis=0)) < 5e-3
+    off = np.linalg.norm(study_result.points[0] - TRUTH, axis=1)
     assert np.sqrt(np.mean(off**2)) < 8e-3

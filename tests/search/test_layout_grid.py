@@ -38,7 +38,7 @@ seconds = 600
 """
 
 
-SECONDS = 60.0  # of the clock of
+SECONDS = 60.0  # of a clock that stands still but for shapes
 CASE = 0.1  # s that a shape takes on it
 
 
@@ -96,8 +96,8 @@ def test_a_grid_finds_its_front_and_goes_on_where_it_was(folder: Path) -> None:
     front = [cells[name]["objective_mm"] for name in result["front"]]
     assert front == sorted(front, reverse=True)
     for cell in cells.values():
-        found = cell["outputs"]["height of corner (0.2, 0.2)"]
-        assert found["unit"] == "mm" and -200 < found["values"][0] < -100  # curled, the corner has come up a little
+        height = cell["outputs"]["height of corner (0.2, 0.2)"]
+        assert height["unit"] == "mm" and -200 < height["values"][0] < -100  # curled, the corner has come up a little
     page = (folder / "out" / "report.html").read_text()
     assert page.count("height of corner (0.2, 0.2): -") == len(cells)
     assert page.count("<svg") == 1 + len(cells)
@@ -170,9 +170,9 @@ def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
     assert next_turn(replace(result, cells=(one, worse)), turns, 5.0) is worse
 
 
-def _at(found: CellResult, chamfer: float) -> StudyResult:
-    assert found.result is not None
-    return replace(found.result, errors=replace(found.result.errors, chamfer=chamfer))
+def _at(cell_result: CellResult, chamfer: float) -> StudyResult:
+    assert cell_result.result is not None
+    return replace(cell_result.result, errors=replace(cell_result.result.errors, chamfer=chamfer))
 
 
 def test_what_did_not_help_is_said(timed: GridResult) -> None:

@@ -258,13 +258,13 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
         {},
     )
     monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **_: shipped)  # held by tests/house/test_demo.py
-    found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
-    runs, results = plain(found)["runs"], found.runs
+    demo = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
+    runs, results = plain(demo)["runs"], demo.runs
     assert [run["name"] for run in runs] == ["basic", "free"]
     assert all(run["chamfer_floor"] < run["chamfer"] < 30 for run in runs)  # a closed form is no cloth
     assert [len(results[0].design.muscles), len(results[1].design.muscles) <= 4] == [8, True]
-    assert "synthetic rig" in as_text(found)
-    assert "* share of the excess error (surface RMS over its floor) of calibrated that is removed" in as_text(found)
+    assert "synthetic rig" in as_text(demo)
+    assert "* share of the excess error (surface RMS over its floor) of calibrated that is removed" in as_text(demo)
     page = (tmp_path / "report.html").read_text()
     assert "synthetic rig" in page
     assert "not hardware" in page.replace("\n", " ")
@@ -275,7 +275,7 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
     monkeypatch.setattr("studies.demo.run.evaluate_shipped", again)
     monkeypatch.setattr("studies.demo.run.render_report", again)
     repeated = run_demo(tmp_path, forward=Refusing(), coarse=Refusing())
-    assert plain(repeated) == plain(found) and as_text(repeated) == as_text(found)
+    assert plain(repeated) == plain(demo) and as_text(repeated) == as_text(demo)
 
 
 def test_the_demo_target_is_the_measured_one(data: Path) -> None:

@@ -51,9 +51,9 @@ def test_the_linear_margins_and_slopes_are_those_of_the_shapes() -> None:
     x = np.array([0.5, 0.4, 0.3])
     linear = LinearContraction(design, 0.2, x, shape, slopes)
     moved = x + [0.1, -0.1, 0.2]
-    own, intervals = shape + np.tensordot(moved - x, slopes, axes=1), Intervals.of(design)
-    found = intervals.contraction(intervals.chords(own))[0]
-    largest = [0.2 - found[intervals.muscle == k].max() for k in range(8)]
+    moved_shape, intervals = shape + np.tensordot(moved - x, slopes, axes=1), Intervals.of(design)
+    contraction = intervals.contraction(intervals.chords(moved_shape))[0]
+    largest = [0.2 - contraction[intervals.muscle == k].max() for k in range(8)]
     margins, by_x = linear.at(moved)
     np.testing.assert_allclose(margins, largest, atol=1e-12)
     h = 1e-7
@@ -106,11 +106,11 @@ def test_drawn_layouts_keep_the_air_and_the_channels() -> None:
 def test_muscles_of_the_nearest_pressures_share_a_channel() -> None:
     space = DesignSpace(build("basic", muscles=4), Limits(channels=2), np.zeros((1, 4)), vary_positions=True)
     pressures = 1e3 * np.array([[390.0, 10.0, 400.0, 30.0]])
-    found = start_of((space.design.muscles, pressures), space)
-    assert found is not None
-    muscles, own = by_muscle(found)
+    start = start_of((space.design.muscles, pressures), space)
+    assert start is not None
+    muscles, muscle_pressures = by_muscle(start)
     assert [muscle.channel for muscle in muscles] == [0, 1, 0, 1]
-    np.testing.assert_allclose(own, 1e3 * np.array([[395.0, 20.0, 395.0, 20.0]]))
+    np.testing.assert_allclose(muscle_pressures, 1e3 * np.array([[395.0, 20.0, 395.0, 20.0]]))
 
 
 def test_a_layout_keeps_its_channels(tmp_path: Path) -> None:

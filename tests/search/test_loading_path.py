@@ -106,7 +106,7 @@ def test_a_motion_that_diverges_is_on_another_branch():
 def result_of(folder: Path, forward, *pressures):
     """Of a search that came to DUO under each of these pressures, for a target rolled to the front."""
     study, cloud = Study("duo", DUO, (TargetFile(folder / "target.ply"),)), rolled_sheet(4.0, n=41)
-    spaces = [DesignSpace(DUO, study.limits, own) for own in pressures]
+    spaces = [DesignSpace(DUO, study.limits, start_pressures) for start_pressures in pressures]
     starts = [(space, space.encode(DUO, space.start_pressures)) for space in spaces]
     stages = [Stage("full model", forward, keep=2, rounds=1)]
     with History(folder / "history.sqlite", {}) as history:

@@ -35,10 +35,10 @@ def test_chamfer_is_the_sum_of_both_mean_nearest_distances(space: DesignSpace) -
 
 
 def test_several_targets_count_alike(space: DesignSpace) -> None:
-    shape, far = shape_of(space), Target(np.full((10, 3), 0.5))
-    near = Target(shape[0])
-    both = Objective([near, far]).value(np.concatenate([shape, shape]))
-    assert both == pytest.approx((Objective([near]).value(shape) + Objective([far]).value(shape)) / 2)
+    shape, far_target = shape_of(space), Target(np.full((10, 3), 0.5))
+    shape_target = Target(shape[0])
+    both = Objective([shape_target, far_target]).value(np.concatenate([shape, shape]))
+    assert both == pytest.approx((Objective([shape_target]).value(shape) + Objective([far_target]).value(shape)) / 2)
 
 
 @pytest.mark.parametrize(("measure", "markers"), [("chamfer", False), ("surface_rms", False), ("chamfer", True)])

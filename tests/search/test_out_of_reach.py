@@ -73,26 +73,26 @@ def test_another_type_of_muscle_is_among_what_helps() -> None:
     types = {kind.name: kind, "strong": replace(kind, name="strong")}
     design = replace(DESIGN, muscle_types=types)
     space = DesignSpace(design, Limits(pressure=(0.0, 150e3)), np.full((1, 3), 150e3))
-    [(name, own)] = spaces_by_type(space).items()
-    assert name == "muscles of type strong" and {muscle.type for muscle in own.design.muscles} == {"strong"}
+    [(name, strong_space)] = spaces_by_type(space).items()
+    assert name == "muscles of type strong" and {muscle.type for muscle in strong_space.design.muscles} == {"strong"}
     assert spaces_by_type(replace(space, design=DESIGN)) == {}
     objective, forward = Objective([Target(cloud([180, 180, 180]))]), ByType(21)
-    before, found = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), {}, {}, {name: own})
-    [there] = objective.shapes(forward, [own.decode(np.ones(3))])
-    assert [*found] == [name]
-    assert found[name] == pytest.approx(objective.value(there), abs=1e-5)
-    assert found[name] < 0.7 * before
+    before, by_name = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), {}, {}, {name: strong_space})
+    [there] = objective.shapes(forward, [strong_space.decode(np.ones(3))])
+    assert [*by_name] == [name]
+    assert by_name[name] == pytest.approx(objective.value(there), abs=1e-5)
+    assert by_name[name] < 0.7 * before
 
 
 def test_the_place_that_misses_is_found() -> None:
     shape = cloud([100, 100, 100])
-    target = shape.reshape(2, 41, 41, 3).copy() if len(shape) == 2 * 41 * 41 else shape.reshape(2, 21, 21, 3).copy()
+    target = shape.reshape(2, 21, 21, 3).copy()
     n = target.shape[1]
     u, v = np.meshgrid(np.linspace(0, 0.2, n), np.linspace(0, 0.2, n))
     target[..., 2] += 0.02 * np.exp(-((u - 0.15) ** 2 + (v - 0.05) ** 2) / (2 * 0.02**2))
-    found = missed_at(shape, LoadedTarget(target.reshape(-1, 3), description="bumped"), (0.2, 0.2))
-    assert found.place == pytest.approx((0.15, 0.05), abs=0.015)
-    assert 0.008 < found.off < 0.02
+    missed = missed_at(shape, LoadedTarget(target.reshape(-1, 3), description="bumped"), (0.2, 0.2))
+    assert missed.place == pytest.approx((0.15, 0.05), abs=0.015)
+    assert 0.008 < missed.off < 0.02
 
 
 def test_a_study_says_what_would_help(tmp_path: Path) -> None:
@@ -108,14 +108,14 @@ def test_a_study_says_what_would_help(tmp_path: Path) -> None:
     assert (reach["out_of_reach"], reach["converged"], reach["helps"], reach["missed"]) == (None, False, None, [])
     assert reach["gap_mm"] > 1 and reach["held_by"] == ["all muscles at 150 kPa"]
     assert 40 < reach["needs"]["evaluations"] < 400 and reach["needs"]["seconds"] > 0
-    said, held = reach["said"]
+    ending, held = reach["said"]
     assert held == "So far it has come up against: all muscles at 150 kPa." and held in page
     assert re.fullmatch(
         r"The search ended before it converged, \d+\.\d mm over the noise floor\. "
         r"To converge it may need about \d+ evaluations more, about \d+ (s|min) at its pace so far\.",
-        said,
+        ending,
     )
-    assert said in page and not re.search(r"out of reach|What holds it back|derivatives neither|kind of layout", page)
+    assert ending in page and not re.search(r"out of reach|What holds it back|derivatives neither|kind of layout", page)
 
     run_study(replace(study, limits=replace(limits, evaluations=300)), tmp_path / "out", forward=Stronger(21))
     result = json.loads((tmp_path / "out" / "result.json").read_text())

@@ -48,8 +48,8 @@ def objective() -> Objective:
 def wide() -> Objective:
     """Of two muscles beside each other, which one alone comes near to."""
     pair = [
-        replace(own, path=((u, 0.03), (u, 0.17)))
-        for own, u in zip(with_muscles("front", "front").muscles, (0.094, 0.106), strict=True)
+        replace(muscle, path=((u, 0.03), (u, 0.17)))
+        for muscle, u in zip(with_muscles("front", "front").muscles, (0.094, 0.106), strict=True)
     ]
     return seen(replace(ONE[0], muscles=tuple(pair)), [130.0, 130.0])
 
@@ -69,8 +69,8 @@ def test_copies_move_with_the_layout(objective: Objective) -> None:
     jacobians = FORWARD.faces_jacobian
     assert jacobians is not None
     model = copies.model(x, shape, jacobians)
-    for own, slope in zip(1e-3 * np.eye(len(x)), model.slopes, strict=True):
-        low, high = copies.shapes([x - own, x + own])
+    for step, slope in zip(1e-3 * np.eye(len(x)), model.slopes, strict=True):
+        low, high = copies.shapes([x - step, x + step])
         assert np.abs((high - low) / 2e-3 - slope).max() < 0.02 * np.abs(slope).max() + 2e-4
 
 
@@ -93,11 +93,11 @@ def test_the_mean_of_copies_goes_down(objective: Objective) -> None:
 
 
 def test_a_muscle_becomes_two_beside_each_other() -> None:
-    found = doubled(start_of(*ONE), 0, 0.6)
-    assert found is not None
-    design, pressures = found[0].decode(found[1])
+    start = doubled(start_of(*ONE), 0, 0.6)
+    assert start is not None
+    design, pressures = start[0].decode(start[1])
     first, second = (np.array(muscle.path) for muscle in design.muscles)
-    gap = 2 * found[0].limits.spacing
+    gap = 2 * start[0].limits.spacing
     np.testing.assert_allclose(np.abs(first - second), [[gap, 0.0]] * 2, atol=1e-9)
     np.testing.assert_allclose((first + second) / 2, LINE, atol=1e-9)
     np.testing.assert_allclose(pressures, [[120e3, 120e3]])
@@ -110,11 +110,11 @@ def test_a_muscle_becomes_two_beside_each_other() -> None:
 def test_muscles_are_doubled_while_that_gains(wide: Objective, choose: str) -> None:
     how = replace(scattering(wide, FORWARD, replace(ROBUST, choose=choose)), study=MANY)
 
-    def found(price: float, most: int) -> MoreRobust:
+    def result_for(price: float, most: int) -> MoreRobust:
         study = replace(MANY, muscles=MuscleChoice(1, most), price=Price(muscle=price))
         return more_robust(replace(how, study=study), start_of(*ONE), tolerance=0.0007)
 
-    one, more, dear = found(0.0, 1), found(0.0, 2), found(1.0, 2)
+    one, more, dear = result_for(0.0, 1), result_for(0.0, 2), result_for(1.0, 2)
     assert one.muscles == dear.muscles == 1 and one.doubled == dear.doubled == 0
     assert more.muscles == 2 and more.doubled == 1
     assert more.expected < 0.98 * one.expected
@@ -153,5 +153,5 @@ def test_derivatives_leave_out_forces_against_motion(objective: Objective) -> No
     assert [scatter.resists for scatter in scatters] == [True, False]
     assert scatters[0].how.case(0, scatters[0].copy(np.zeros(scatters[0].size))).effects == ()
     assert scatters[0].copy(np.zeros(scatters[0].size))[2].effects == (drag,)
-    found, bare = (scatter.linear()[0] for scatter in scatters)
-    np.testing.assert_array_equal(found.slopes, bare.slopes)
+    with_drag, bare = (scatter.linear()[0] for scatter in scatters)
+    np.testing.assert_array_equal(with_drag.slopes, bare.slopes)

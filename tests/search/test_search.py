@@ -62,7 +62,7 @@ def drawn_anew(restart: int, best: Start) -> tuple[Sequence[Start], bool]:
     return pressure_starts(SPACE, 7, seed=1 + restart)[1:], True
 
 
-def found_pressures(searched: Evaluations) -> np.ndarray:
+def best_pressures(searched: Evaluations) -> np.ndarray:
     space, x = searched.best_point()
     return space.decode(x)[1]
 
@@ -75,7 +75,7 @@ def test_pressures_are_recovered_from_a_noisy_cloud(measure: MeasureName, share:
         searched = within(history, objective=objective)
         reason = search(searched, further=drawn_anew)
     # 0.6 mm of noise on 420 points and more leaves some 0.05 mm of shape undecided: a few kPa
-    np.testing.assert_allclose(found_pressures(searched), TRUTH, atol=8e3)
+    np.testing.assert_allclose(best_pressures(searched), TRUTH, atol=8e3)
     assert reason.startswith("converged")
 
 
@@ -112,8 +112,8 @@ def test_a_start_that_breaks_the_spacing_is_led_to_where_it_is_kept() -> None:
             Objective([target_of(TRUTH)]), [(space, x[-2:])], [stage], history, seconds=600, evaluations=200
         )
         search(searched)
-    found_space, found = searched.best_point()
-    assert found_space.margins(found).min() >= -1e-7
+    best_space, best_x = searched.best_point()
+    assert best_space.margins(best_x).min() >= -1e-7
 
 
 def test_evaluations_are_a_hard_limit() -> None:
@@ -129,25 +129,25 @@ def test_seconds_are_a_hard_limit() -> None:
     with History(":memory:", "a") as history:
         searched = within(history, seconds=0.0)
         assert search(searched) == "time used: the limit of 0 s is reached"
-    np.testing.assert_array_equal(found_pressures(searched), SPACE.start_pressures)  # nothing better is known
+    np.testing.assert_array_equal(best_pressures(searched), SPACE.start_pressures)  # nothing better is known
 
 
 @pytest.mark.parametrize(
-    ("seconds", "spent", "said"),
+    ("seconds", "spent", "reason"),
     [
         (60.0, 49.0, "time used: the limit of 60 s would be passed by the next step"),
         (48.0, 49.0, "time used: the search's part, 48 of 60 s, is reached"),
         (48.0, 45.0, "time used: the search's part, 48 of 60 s, would be passed by the next step"),
     ],
 )
-def test_a_search_that_ends_before_its_limit_says_why(seconds: float, spent: float, said: str) -> None:
+def test_a_search_that_ends_before_its_limit_says_why(seconds: float, spent: float, reason: str) -> None:
     with History(":memory:", "a") as history:
         history.seconds = spent
         searched = within(history, seconds=seconds)
         searched.limit = 60.0
         with pytest.raises(Stop) as ended:
             searched.require_time(20.0)
-    assert str(ended.value) == said
+    assert str(ended.value) == reason
 
 
 def test_diverged_designs_get_a_finite_penalty_and_are_recorded() -> None:
@@ -158,7 +158,7 @@ def test_diverged_designs_get_a_finite_penalty_and_are_recorded() -> None:
     diverged = [entry for entry in entries if entry.diverged]
     assert 0 < len(diverged) < len(entries) / 2
     assert max(e.objective for e in entries if not e.diverged) < min(e.objective for e in diverged) < np.inf
-    np.testing.assert_allclose(found_pressures(searched), TRUTH, atol=5e3)
+    np.testing.assert_allclose(best_pressures(searched), TRUTH, atol=5e3)
 
 
 class Interrupted(AnalyticCloth):
@@ -183,7 +183,7 @@ def test_interrupting_ends_with_the_best_so_far() -> None:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluations, list[tuple[float, ...]], Path]:
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluations, list[tuple[float, ...]], Path]:
     """A search that nothing ends before its time, the points that it asked for, and where they are kept."""
     file = tmp_path_factory.mktemp("whole") / "history.sqlite"
     with History(file, "a") as history:
@@ -194,27 +194,27 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluations, list[t
 
 @pytest.mark.parametrize("call", [0, 3, 4, 5])
 def test_a_killed_search_goes_on_to_the_same_end(
-    tmp_path: Path, call: int, whole: tuple[Evaluations, list[tuple[float, ...]], Path]
+    tmp_path: Path, call: int, uninterrupted: tuple[Evaluations, list[tuple[float, ...]], Path]
 ) -> None:
-    uncut, straight, _ = whole
+    uncut, straight, _ = uninterrupted
     with History(tmp_path / "cut.sqlite", "a") as history, pytest.raises(SystemExit):
         search(within(history, forward=Interrupted(call, SystemExit)))
     with History(tmp_path / "cut.sqlite", "a") as history:
         resumed = within(history)
         search(resumed)
         repeated = [entry.x for entry in history.entries()]
-    np.testing.assert_array_equal(found_pressures(resumed), found_pressures(uncut))
+    np.testing.assert_array_equal(best_pressures(resumed), best_pressures(uncut))
     assert set(straight) <= set(repeated)
     assert len(repeated) <= len(straight) + 2 * 5 * 2  # what two searches under way had found was found anew
 
 
-def test_a_finished_search_is_not_run_again(whole: tuple[Evaluations, list[tuple[float, ...]], Path]) -> None:
-    first, asked, file = whole
+def test_a_finished_search_is_not_run_again(uninterrupted: tuple[Evaluations, list[tuple[float, ...]], Path]) -> None:
+    first, asked, file = uninterrupted
     with History(file, "a") as history:
         again = within(history, forward=Interrupted(0, AssertionError))
         search(again)
         assert history.evaluations == len(asked)
-    np.testing.assert_array_equal(found_pressures(again), found_pressures(first))
+    np.testing.assert_array_equal(best_pressures(again), best_pressures(first))
 
 
 def test_a_limit_within_the_screening_is_an_end_too(tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_a_limit_within_the_screening_is_an_end_too(tmp_path: Path) -> None:
         again = within(history, evaluations=5, forward=Interrupted(0, AssertionError))
         assert search(again) == reason == "the limit of 5 evaluations is reached"
         assert history.evaluations == 5
-    np.testing.assert_array_equal(found_pressures(again), found_pressures(first))
+    np.testing.assert_array_equal(best_pressures(again), best_pressures(first))
     with History(tmp_path / "history.sqlite", "a") as history:
         assert search(within(history)) != reason  # more is allowed: it goes on
         assert history.evaluations > 5

@@ -22,7 +22,7 @@ from optimize.search.starts import Start, pressure_starts
 from optimize.search.variations import straightened, variations, with_corners
 from studies.layout_search.first_layouts import first_starts
 from studies.layouts.reach import Reach, reach_of
-from tests.search.test_search import DESIGN, SPACE, Interrupted, drawn_anew, found_pressures, within
+from tests.search.test_search import DESIGN, SPACE, Interrupted, best_pressures, drawn_anew, within
 
 LIMITS = Limits()
 EIGHT = MuscleChoice(1, 8)
@@ -34,11 +34,13 @@ def study_of(**changes: object) -> Study:
 
 def test_the_own_design_and_the_layouts_of_the_catalogue_are_among_the_starts() -> None:
     starts = first_starts(study_of())
-    found = [(space.design.muscles, pressures) for space, x in starts for _, pressures in [space.decode(x)]]
-    assert found[0][0] == build("basic").muscles
+    layouts = [(space.design.muscles, pressures) for space, x in starts for _, pressures in [space.decode(x)]]
+    assert layouts[0][0] == build("basic").muscles
     for layout in set(LAYOUTS) - {"cross"}:  # whose muscles cross on one face, closer than the spacing allows
         muscles = build(layout, muscles=8).muscles
-        levels = [pressures.max() for other, pressures in found if np.allclose(_paths(other), _paths(muscles), 0, 1e-4)]
+        levels = [
+            pressures.max() for other, pressures in layouts if np.allclose(_paths(other), _paths(muscles), 0, 1e-4)
+        ]
         assert {200e3, 400e3} <= {float(round(level)) for level in levels}, layout
 
 
@@ -52,14 +54,14 @@ def _paths(muscles: Sequence[Muscle]) -> np.ndarray:
 def test_variations_keep_the_limits_and_differ() -> None:
     space = DesignSpace(build("basic"), LIMITS, np.full((2, 8), 300e3), vary_positions=True)
     x = space.encode(space.design, space.start_pressures)
-    found = variations((space, x), MuscleChoice(6, 9, corners=0), number=40, seed=3)
-    assert len(found) > 30
-    assert all(own.feasible(y) for own, y in found)
-    assert {len(own.design.muscles) for own, _ in found} >= {7, 8, 9}
-    same = [len(own.design.muscles) == 8 and np.allclose(y, x) for own, y in found]
-    assert sum(same) < len(found) / 4
+    variants = variations((space, x), MuscleChoice(6, 9, corners=0), number=40, seed=3)
+    assert len(variants) > 30
+    assert all(variant.feasible(y) for variant, y in variants)
+    assert {len(variant.design.muscles) for variant, _ in variants} >= {7, 8, 9}
+    same = [len(variant.design.muscles) == 8 and np.allclose(y, x) for variant, y in variants]
+    assert sum(same) < len(variants) / 4
     again = variations((space, x), MuscleChoice(6, 9, corners=0), number=40, seed=3)
-    assert all(np.array_equal(a[1], b[1]) for a, b in zip(found, again, strict=True))
+    assert all(np.array_equal(a[1], b[1]) for a, b in zip(variants, again, strict=True))
 
 
 def test_muscles_get_corners_and_lose_them() -> None:
@@ -78,18 +80,18 @@ def test_muscles_get_corners_and_lose_them() -> None:
     assert straight is not None
     np.testing.assert_allclose(straight[1], best[1], atol=1e-9)
     drawn = variations(best, MuscleChoice(3, 3, ("front",)), number=40, seed=1)
-    assert {len(m.path) for own, _ in drawn for m in own.design.muscles} == {2, 3}
-    assert all(own.feasible(y) for own, y in drawn)
-    few = variations((bent, x), MuscleChoice(3, 3, ("front",), corners=0), number=40, seed=1)
-    assert any(len(m.path) == 2 for own, _ in few for m in own.design.muscles)
+    assert {len(m.path) for variant, _ in drawn for m in variant.design.muscles} == {2, 3}
+    assert all(variant.feasible(y) for variant, y in drawn)
+    without_corners = variations((bent, x), MuscleChoice(3, 3, ("front",), corners=0), number=40, seed=1)
+    assert any(len(m.path) == 2 for variant, _ in without_corners for m in variant.design.muscles)
 
 
 def test_variations_of_the_best_cannot_agree_with_it() -> None:
-    def near(restart: int, best: Start) -> tuple[list[Start], bool]:
+    def around_best(restart: int, best: Start) -> tuple[list[Start], bool]:
         return pressure_starts(SPACE, 3, seed=restart)[1:], False
 
     with History(":memory:", "a") as history:
-        reason = search(within(history, evaluations=400, starts=0), further=near)
+        reason = search(within(history, evaluations=400, starts=0), further=around_best)
     assert reason.startswith("nothing gained: 3 rounds of restarts")
 
 
@@ -113,15 +115,15 @@ def test_a_search_ends_at_the_floor() -> None:
 
 def test_a_search_killed_in_a_later_campaign_goes_on_to_the_same_end(tmp_path: Path) -> None:
     with History(tmp_path / "whole.sqlite", "a") as history:
-        whole = within(history)
-        reason = search(whole, further=drawn_anew)
+        uninterrupted = within(history)
+        reason = search(uninterrupted, further=drawn_anew)
     for call in (12, 20):
         with History(tmp_path / f"{call}.sqlite", "a") as history, pytest.raises(SystemExit):
             search(within(history, forward=Interrupted(call, SystemExit)), further=drawn_anew)
         with History(tmp_path / f"{call}.sqlite", "a") as history:
             resumed = within(history)
             assert search(resumed, further=drawn_anew) == reason, call
-        np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
+        np.testing.assert_array_equal(best_pressures(resumed), best_pressures(uninterrupted))
 
 
 @pytest.fixture
@@ -172,9 +174,9 @@ def sheet(bend: float) -> np.ndarray:
 
 def test_what_holds_a_result_back_is_said() -> None:
     flat = sheet(0.0)
-    said = _reach([400e3, 400e3, 399e3], 9e-3, flat, most=3)
-    assert said.out_of_reach
-    assert said.sentences == [
+    reach = _reach([400e3, 400e3, 399e3], 9e-3, flat, most=3)
+    assert reach.out_of_reach
+    assert reach.sentences == [
         "Out of reach: 5.0 mm over the noise floor. What holds it back: all muscles at 400 kPa, all 3 muscles used, "
         "spacing at its limit."
     ]

@@ -55,19 +55,19 @@ def differenced(objective: Objective, forward: AnalyticCloth | Predictor, space:
     return (np.array(shapes[len(x) :]) - np.array(shapes[: len(x)])) / widths
 
 
-def off(found: NDArray, wanted: NDArray) -> NDArray:
+def off(slopes: NDArray, wanted: NDArray) -> NDArray:
     """(n,) relative; of a variable that does next to nothing, to a twentieth of the largest."""
-    error, size = (np.sqrt(np.square(a).sum(axis=(1, 2, 3))) for a in (found - wanted, wanted))
+    error, size = (np.sqrt(np.square(a).sum(axis=(1, 2, 3))) for a in (slopes - wanted, wanted))
     return np.asarray(error / np.maximum(size, 0.05 * size.max()))
 
 
 def test_slopes_are_those_of_every_variable_in_every_pose() -> None:
     objective, forward = Objective([ANY, ANY]), WithJacobian(21)
     points = of_two_layouts()
-    found = slopes_of(forward.faces_jacobian, objective, points)
+    layout_slopes = slopes_of(forward.faces_jacobian, objective, points)
     assert forward.asked == 2  # both layouts together, a batch for each pose
     shapes = objective.shapes(forward, [space.decode(x) for space, x in points])
-    for (space, x), slopes, shape in zip(points, found, shapes, strict=True):
+    for (space, x), slopes, shape in zip(points, layout_slopes, shapes, strict=True):
         np.testing.assert_allclose(slopes.shape, shape, atol=1e-7)
         wanted = differenced(objective, forward, space, x, 1e-3)
         assert off(slopes.by_variable, wanted).max() < 0.02
@@ -108,11 +108,11 @@ def test_what_lies_on_top_is_in_the_slopes() -> None:
     [(space, x), *_] = of_two_layouts()
     jacobians = jacobians_for(forward, objective)
     assert jacobians is not None
-    [found] = slopes_of(jacobians, objective, [(space, x)])
-    np.testing.assert_allclose(found.shape, objective.shapes(forward, [space.decode(x)])[0], atol=1e-7)
+    [slopes] = slopes_of(jacobians, objective, [(space, x)])
+    np.testing.assert_allclose(slopes.shape, objective.shapes(forward, [space.decode(x)])[0], atol=1e-7)
     wanted = differenced(objective, forward, space, x, 2e-3)
     bare = differenced(objective, AnalyticCloth(21), space, x, 2e-3)
-    assert off(found.by_variable, wanted).max() < 0.03
+    assert off(slopes.by_variable, wanted).max() < 0.03
     assert off(bare, wanted).max() > 0.05  # so that leaving them out would show
 
 
@@ -144,27 +144,27 @@ def searched(forward: AnalyticCloth, *, time: float | None = None, at_rest: bool
 
 def test_a_search_with_derivatives_ends_as_near_with_fewer_evaluations() -> None:
     forward = WithJacobian(21)
-    (plain, many), (found, few) = searched(AnalyticCloth(21)), searched(forward)
+    (plain, plain_evaluations), (value, evaluations) = searched(AnalyticCloth(21)), searched(forward)
     assert forward.asked > 3
-    assert found < plain * 1.002
-    assert few < many
+    assert value < plain * 1.002
+    assert evaluations < plain_evaluations
 
 
 @pytest.mark.parametrize("wrong", [1.0, 0.6, 1.5])
 def test_what_slopes_lack_is_learned_from_the_trials(wrong: float) -> None:
     plain, _ = searched(AnalyticCloth(21), time=1.5)
-    found, _ = searched(WithJacobian(21, wrong=wrong), time=1.5)
-    assert found < plain * 1.01
+    value, _ = searched(WithJacobian(21, wrong=wrong), time=1.5)
+    assert value < plain * 1.01
 
 
 def test_a_model_learns_a_shape_and_keeps_what_lies_across() -> None:
     rng = np.random.default_rng(4)
     model = LinearShape(np.zeros(3), rng.normal(size=(1, 6, 3)), rng.normal(size=(3, 1, 6, 3)))
     x, shape = np.array([0.1, 0.2, 0.0]), rng.normal(size=(1, 6, 3))
-    found = model.through(x, shape)
-    np.testing.assert_allclose(found.at(x), shape)
+    learned = model.through(x, shape)
+    np.testing.assert_allclose(learned.at(x), shape)
     across = np.array([-0.2, 0.1, 0.3])
-    np.testing.assert_allclose(found.at(across), model.at(across))
+    np.testing.assert_allclose(learned.at(across), model.at(across))
 
 
 class Killed(WithJacobian):
@@ -172,11 +172,11 @@ class Killed(WithJacobian):
 
     def __init__(self, call: int) -> None:
         super().__init__(21, wrong=1.5)
-        self.left = call
+        self.remaining = call
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        self.left -= 1
-        if not self.left:
+        self.remaining -= 1
+        if not self.remaining:
             raise SystemExit
         return super().equilibria(cases)
 
@@ -193,19 +193,19 @@ def run_in(file: Path, forward: WithJacobian) -> tuple[float, list[float], list[
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[float, list[float], list[tuple[float, ...]]]:
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[float, list[float], list[tuple[float, ...]]]:
     return run_in(tmp_path_factory.mktemp("whole") / "whole.sqlite", Killed(0))
 
 
 @pytest.mark.parametrize("call", [3, 4, 6])
 def test_a_killed_search_goes_on_to_the_same_end_with_derivatives(
-    tmp_path: Path, call: int, whole: tuple[float, list[float], list[tuple[float, ...]]]
+    tmp_path: Path, call: int, uninterrupted: tuple[float, list[float], list[tuple[float, ...]]]
 ) -> None:
     with pytest.raises(SystemExit):
         run_in(tmp_path / "cut.sqlite", Killed(call))
     resumed = run_in(tmp_path / "cut.sqlite", Killed(0))
-    assert resumed[:2] == whole[:2]
-    assert set(whole[2]) <= set(resumed[2])
+    assert resumed[:2] == uninterrupted[:2]
+    assert set(uninterrupted[2]) <= set(resumed[2])
 
 
 class Asked(WithJacobian):
@@ -227,8 +227,8 @@ class Asked(WithJacobian):
 def test_shapes_at_rest_lead_to_a_late_frame() -> None:
     plain, _ = searched(AnalyticCloth(21), time=1.5)
     forward = Asked()
-    found, _ = searched(forward, time=1.5, at_rest=True)
-    assert found < plain * 1.002
+    value, _ = searched(forward, time=1.5, at_rest=True)
+    assert value < plain * 1.002
     first = forward.what.index("motions")
     assert first > 3 and set(forward.what[first:]) == {"motions"}  # of the full model, after the coarse stage
 
@@ -249,12 +249,13 @@ def test_the_simulators_slopes_follow_its_differences(simulator: Simulator) -> N
     space, x = point(build("vertical"), [[150, 220, 90]])
     jacobians = jacobians_for(Predictor(simulator), objective)
     assert jacobians is not None
-    [found] = slopes_of(jacobians, objective, [(space, x)])
+    [slopes] = slopes_of(jacobians, objective, [(space, x)])
     [shape] = objective.shapes(simulator, [space.decode(x)])
-    assert np.abs(found.shape - shape).max() < 2e-4  # the forces balance closer than a damped motion leaves them
+    assert np.abs(slopes.shape - shape).max() < 2e-4  # the forces balance closer than a damped motion leaves them
     wanted = differenced(objective, simulator, space, x, 0.01)
-    assert np.median(off(found.by_variable, wanted)) < 0.05
-    assert off(found.by_variable, wanted).max() < 0.25  # of positions, whose number of intervals the differences change
+    assert np.median(off(slopes.by_variable, wanted)) < 0.05
+    # the largest are of positions, whose number of intervals the differences change
+    assert off(slopes.by_variable, wanted).max() < 0.25
 
 
 def test_a_late_frame_changes_nearly_as_the_shape_at_rest(simulator: Simulator) -> None:
@@ -263,10 +264,10 @@ def test_a_late_frame_changes_nearly_as_the_shape_at_rest(simulator: Simulator) 
     space, x = replace(space, vary_positions=False), x[-4:]
     jacobians = jacobians_for(Predictor(simulator), late)
     assert jacobians is not None
-    [found] = slopes_of(jacobians, late, [(space, x)])
+    [slopes] = slopes_of(jacobians, late, [(space, x)])
     wanted = differenced(late, simulator, space, x, 0.04)
-    along = np.einsum("npkd,npkd->n", found.by_variable, wanted)
-    sizes = [np.sqrt(np.square(a).sum(axis=(1, 2, 3))) for a in (found.by_variable, wanted)]
+    along = np.einsum("npkd,npkd->n", slopes.by_variable, wanted)
+    sizes = [np.sqrt(np.square(a).sum(axis=(1, 2, 3))) for a in (slopes.by_variable, wanted)]
     assert (along / (sizes[0] * sizes[1])).min() > 0.9
 
 
@@ -277,6 +278,6 @@ def test_effects_of_the_model_are_in_the_simulators_slopes(simulator: Simulator)
     space, x = point(build("cross", muscles=2), [[150, 90]])
     jacobians = jacobians_for(forward, objective)
     assert jacobians is not None
-    [found] = slopes_of(jacobians, objective, [(space, x)])
+    [slopes] = slopes_of(jacobians, objective, [(space, x)])
     wanted = differenced(objective, forward, space, x, 0.01)
-    assert np.median(off(found.by_variable, wanted)) < 0.05
+    assert np.median(off(slopes.by_variable, wanted)) < 0.05

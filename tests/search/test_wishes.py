@@ -45,9 +45,9 @@ def flat() -> np.ndarray:
 
 
 def landmarks_of(study) -> Landmarks:
-    found = load_target(study.targets[0], study.design).landmarks
-    assert found is not None
-    return found
+    landmarks = load_target(study.targets[0], study.design).landmarks
+    assert landmarks is not None
+    return landmarks
 
 
 def test_an_edge_forward_counts_in_one_coordinate(study) -> None:
@@ -73,8 +73,8 @@ right = 0.02
     landmarks = landmarks_of(study(text))
     np.testing.assert_allclose(landmarks.weights, [0.75, 0.25])
     np.testing.assert_allclose(landmarks.distances(flat()), [np.hypot(0.05, 0.06), 0.02], atol=1e-6)
-    said = load_target(study(text).targets[0], DESIGN).description
-    assert said.startswith("wishes ((0.1, 0.2): y = -150 mm, z = 60 mm; (0, 0.1): 20 mm right)")
+    description = load_target(study(text).targets[0], DESIGN).description
+    assert description.startswith("wishes ((0.1, 0.2): y = -150 mm, z = 60 mm; (0, 0.1): 20 mm right)")
 
 
 def test_a_tube_keeps_the_cloths_length(study) -> None:
@@ -99,7 +99,7 @@ def test_the_slope_is_that_of_the_distance(study, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "problem"),
     [
         ('\nfile = "c.ply"' + FORWARD, "file = .*expected none beside wishes"),
         ("\n[[target.wishes]]\nforward = 0.1\n", r"expected either at = \[u, v\] or edge"),
@@ -110,8 +110,8 @@ def test_the_slope_is_that_of_the_distance(study, text: str) -> None:
         ('\n[target.tube]\nradius = 0.05\ntowards = "left"\n', "towards"),
     ],
 )
-def test_a_wish_that_is_none_is_refused(study, text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_wish_that_is_none_is_refused(study, text: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
         study(text)
 
 
@@ -122,16 +122,18 @@ def test_wishes_have_a_distance_of_their_own(study) -> None:
 
 def test_a_study_fulfils_wishes(study, tmp_path: Path) -> None:
     text = "\n[[target.wishes]]\nat = [0.1, 0.2]\nforward = 0.06\n[[target.wishes]]\nat = [0.03, 0.2]\nz = 0.03\n"
-    found = run_study(study("\n" + text, "[limits]\nevaluations = 400\n"), tmp_path / "out", forward=WithJacobian())
-    middle = found.points[0].reshape(2, 41, 41, 3).mean(axis=0)
+    study_result = run_study(
+        study("\n" + text, "[limits]\nevaluations = 400\n"), tmp_path / "out", forward=WithJacobian()
+    )
+    middle = study_result.points[0].reshape(2, 41, 41, 3).mean(axis=0)
     assert middle[-1, [20, 6], 2] == pytest.approx([0.06, 0.03], abs=1e-3)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["objective_mm"] < 0.5 and result["chamfer_floor"] == 0
-    said = "wishes ((0.1, 0.2): 60 mm forward; (0.03, 0.2): z = 30 mm)"
-    assert result["targets"][0].startswith(said)
+    description = "wishes ((0.1, 0.2): 60 mm forward; (0.03, 0.2): z = 30 mm)"
+    assert result["targets"][0].startswith(description)
     page = (tmp_path / "out" / "report.html").read_text()
     body = page[page.index("<body>") : page.index('id="figures"')]
-    assert said in body and "mean distance from<br>what was asked for, mm" in body
+    assert description in body and "mean distance from<br>what was asked for, mm" in body
     assert "Chamfer" not in body and "surface RMS" not in body
     assert '"asked for"' in page and "nearest<br>target" not in page  # no colour bar
 
@@ -140,14 +142,16 @@ def test_a_wish_that_a_limit_ended_says_so(study, tmp_path: Path) -> None:
     text = "\n[[target.wishes]]\nat = [0.1, 0.2]\nforward = 0.06\n"
     messages: list[str] = []
     limited = study("\n" + text, "[limits]\nevaluations = 12\nseconds = 77\n")
-    found = run_study(limited, tmp_path / "out", forward=WithJacobian(), progress=lambda e: messages.append(e.message))
+    study_result = run_study(
+        limited, tmp_path / "out", forward=WithJacobian(), progress=lambda e: messages.append(e.message)
+    )
     assert messages[-1].startswith("following the motions that lead to the result")
-    words = errors_in_words(found.study, found.errors)
+    words = errors_in_words(study_result.study, study_result.errors)
     assert words.startswith("mean distance from what was asked for; root mean square ") and "Chamfer" not in words
-    said = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]["said"]
-    assert said[0].startswith("The search ended before it converged") and "not known" in said[0]
-    shown = str(found)
-    assert said[0] in shown and "the limit of 12 evaluations is reached" in shown
+    sentences = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]["said"]
+    assert sentences[0].startswith("The search ended before it converged") and "not known" in sentences[0]
+    shown = str(study_result)
+    assert sentences[0] in shown and "the limit of 12 evaluations is reached" in shown
     assert re.search(r"^\d+ of at most 77 s of search time \(without compilation\)", shown, re.M)
 
 

@@ -86,15 +86,15 @@ class KernelsLaw:
 
 def sheet_of(case, n):
     """The reference of a case with any of those effects."""
-    own = {term.name: term.values for term in case.effects}
-    odd, mass = own.get("odd_muscle"), own.get("added_mass")
+    terms = {term.name: term.values for term in case.effects}
+    odd, mass = terms.get("odd_muscle"), terms.get("added_mass")
     return ReferenceWithEffects(
         specimen_of(case).design,  # in which orthotropy and frame_tilt are
         n,
         factors=case.factors,
-        curl=tuple(own.get("rest_curvature", {}).get(name, 0.0) for name in ("across", "down", "twist")),
+        curl=tuple(terms.get("rest_curvature", {}).get(name, 0.0) for name in ("across", "down", "twist")),
         gains={int(odd.get("channel", 0)): odd["factor"]} if odd else None,
-        loss=own.get("line_loss", {}).get("share", 0.0),
+        loss=terms.get("line_loss", {}).get("share", 0.0),
         added=tuple({"u": 0.15, "v": 0.18, "mass": 0.0, **(mass or {})}.values()),
     )
 
@@ -108,8 +108,8 @@ def lacking(case, columns, middle, changes, *, smooth=True):
     sheet = sheet_of(case, n)
     acting = sheet.acting(np.asarray(case.program.pressure[-1]))
 
-    def evaluated(own, there):
-        reference, pressure = sheet_of(own, n), own.program.pressure[-1]
+    def evaluated(variant, there):
+        reference, pressure = sheet_of(variant, n), variant.program.pressure[-1]
         if not smooth:
             kinds = np.array(reference.kind)
             reference.laws = {name: KernelsLaw(law, acting[kinds == name]) for name, law in reference.laws.items()}
@@ -117,13 +117,13 @@ def lacking(case, columns, middle, changes, *, smooth=True):
 
     free = np.repeat(sheet.free, 3)
     solve = factorized(evaluated(case, x)[1][free][:, free].tocsc())
-    for own, change in zip(columns, changes, strict=True):
+    for kind, change in zip(columns, changes, strict=True):
         along = change.astype(float).reshape(-1, 3)
         largest = np.abs(along).max()
-        both = move(case, own, 1e-6 / largest if largest > 0 else own.step)  # 1 um at most; within the column's room
+        both = move(case, kind, 1e-6 / largest if largest > 0 else kind.step)  # 1 um at most; within the column's room
         sides = [
             evaluated(moved, x + by * along)[0].ravel()[free] for moved, by in zip(both.sides, both.by, strict=True)
         ]
-        left = np.linalg.norm(solve((sides[1] - sides[0]) / both.width))
-        off.append(left / np.linalg.norm(along) if left > 0 else 0.0)  # 0 of what changes nothing
+        imbalance = np.linalg.norm(solve((sides[1] - sides[0]) / both.width))
+        off.append(imbalance / np.linalg.norm(along) if imbalance > 0 else 0.0)  # 0 of what changes nothing
     return np.array(off)

@@ -258,10 +258,10 @@ class ReferenceSheet:
         out, kinds = np.empty(len(contraction)), np.array(self.kind)
         pressure = self.acting(np.asarray(pressure, float))
         for name, law in self.laws.items():
-            own = kinds == name
-            idle = law.tension(0.0, contraction[own])
-            full = law.tension(pressure[own], contraction[own])
-            out[own] = idle + self.factor["muscle_gain"] * (full - idle)
+            of_kind = kinds == name
+            idle = law.tension(0.0, contraction[of_kind])
+            full = law.tension(pressure[of_kind], contraction[of_kind])
+            out[of_kind] = idle + self.factor["muscle_gain"] * (full - idle)
         return out
 
     def acting(self, pressure):

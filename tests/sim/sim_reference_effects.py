@@ -117,9 +117,9 @@ class ReferenceWithEffects(ReferenceSheet):
             value = self.cell * modulus * terms.value
             yield Stress(terms, value, on_cells * value, on_cells * self.cell * modulus)
         first, second, (d1, d2, d12) = self.curvatures(x, 0), self.curvatures(x, 1), self._plate()
-        for terms, own, other in ((first, d1, second), (second, d2, first)):
-            value = self.area * (own * terms.value + d12 * other.value)
-            yield Stress(terms, value, self.stiffer * value, self.stiffer * self.area * own)
+        for terms, bending, other in ((first, d1, second), (second, d2, first)):
+            value = self.area * (bending * terms.value + d12 * other.value)
+            yield Stress(terms, value, self.stiffer * value, self.stiffer * self.area * bending)
         if self.design.fabric.support == "clamped":
             terms, weight = self.held_normal(x), self._held_weight()
             there = self.stiffer[self.nodes[0]]
@@ -135,8 +135,8 @@ class ReferenceWithEffects(ReferenceSheet):
         aged = -np.expm1(-self.ages / time) if self.ages else 1.0
         self.relaxed_next = []
         for k, stress in enumerate(self._stresses(x)):
-            whole, before = stress.value + stress.more, 0.0 if self.relaxed is None else self.relaxed[k]
-            self.relaxed_next.append(before + aged * (whole - before))
+            total, before = stress.value + stress.more, 0.0 if self.relaxed is None else self.relaxed[k]
+            self.relaxed_next.append(before + aged * (total - before))
             pull = stress.more - share * self.relaxed_next[-1]
             np.add.at(force, stress.terms.nodes, -pull[:, None, None] * stress.terms.gradient)
             jacobian = stress.terms.jacobian(x.size)

@@ -24,29 +24,29 @@ CASES = [
 
 
 @pytest.fixture(scope="module")
-def found():
+def jacobians():
     return SIMULATOR.shape_jacobian(CASES, kinds())
 
 
 @pytest.mark.parametrize("which", range(len(CASES)))
-def test_columns_of_shapes_follow_the_reference(found, which):
-    middle, changes, exact = found[which]
+def test_columns_of_shapes_follow_the_reference(jacobians, which):
+    middle, changes, exact = jacobians[which]
     assert exact.all()
     assert changes.shape == (len(kinds()), N, N, 3)
-    off = dict(zip((own.name for own in kinds()), lacking(CASES[which], kinds(), middle, changes), strict=True))
+    off = dict(zip((kind.name for kind in kinds()), lacking(CASES[which], kinds(), middle, changes), strict=True))
     if CASES[which].design.fabric.support == "clamped":
         del off["rest_curvature down"]  # the reference's clamp knows no rest curvature
     assert off == pytest.approx(dict.fromkeys(off, 0.0), abs=3e-3)
 
 
-def test_differences_of_shapes_follow_the_tangent(found):
+def test_differences_of_shapes_follow_the_tangent(jacobians):
     # the reference path: whole shapes, whose rest is loose
     columns = [column.factor("bending"), column.pressure(0)]
     [plain] = SIMULATOR.shape_differences(CASES[:1], columns)
     assert not plain.exact.any()
-    names = [own.name for own in kinds()]
-    for own, change in zip(columns, plain.changes, strict=True):
-        exact = found[0].changes[names.index(own.name)]
+    names = [kind.name for kind in kinds()]
+    for kind, change in zip(columns, plain.changes, strict=True):
+        exact = jacobians[0].changes[names.index(kind.name)]
         assert np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
 
 
@@ -54,18 +54,18 @@ def test_a_shape_that_buckles_is_said_and_takes_differences():
     # a soft cloth that stands on its hem: straight up is an equilibrium, and not a stable one
     standing = held(cloth(gravity=(0.0, 9.81, 0.0), bending_stiffness=(1e-4, 1e-4)))
     columns = [of_effect("rest_curvature", "down", 0.1)]  # which bends it; its weight alone would not
-    [found] = SIMULATOR.shape_jacobian([standing], columns)
+    [jacobian] = SIMULATOR.shape_jacobian([standing], columns)
     [plain] = SIMULATOR.shape_differences([standing], columns)
-    assert not found.exact.any()
-    assert np.array_equal(found.changes, plain.changes, equal_nan=True)  # NaN where a moved shape falls over
-    assert not (found.changes == 0).all()
+    assert not jacobian.exact.any()
+    assert np.array_equal(jacobian.changes, plain.changes, equal_nan=True)  # NaN where a moved shape falls over
+    assert not (jacobian.changes == 0).all()
 
 
 def test_effects_that_add_forces_take_differences_where_they_are_off_too():
     creep = of_effect("muscle_creep", "share", 0.1)
-    [found] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("bending"), creep])
-    assert found.exact.tolist() == [True, False]
-    assert np.abs(found.changes[1]).max() > 1e-4
+    [jacobian] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("bending"), creep])
+    assert jacobian.exact.tolist() == [True, False]
+    assert np.abs(jacobian.changes[1]).max() > 1e-4
 
 
 def test_slopes_without_resistance_are_exact_and_near():
@@ -77,9 +77,9 @@ def test_slopes_without_resistance_are_exact_and_near():
     bare = without_resistance(model)
     assert bare is not None and bare.model.effects == () and without_resistance(bare) is None
     columns = [column.factor("bending"), column.pressure(0)]
-    [plain], [near] = (one.faces_jacobian(CASES[:1], columns) for one in (model, bare))
-    assert not plain.exact.any() and near.exact.all()
-    for true, change in zip(plain.changes, near.changes, strict=True):
+    [plain], [approximation] = (one.faces_jacobian(CASES[:1], columns) for one in (model, bare))
+    assert not plain.exact.any() and approximation.exact.all()
+    for true, change in zip(plain.changes, approximation.changes, strict=True):
         assert 0 < np.linalg.norm(change - true) < 0.15 * np.linalg.norm(true)
 
 
@@ -137,14 +137,14 @@ def test_what_muscles_remember_is_in_balance_by_the_law_of_their_bench(effect, v
     others = [replace(case, effects=(Term(effect, {**values, name: value}),)) for name, value in moved.items()]
     _, remaining, changes = balance_of(case, others, [of_effect(effect, name, 1e-3) for name in moved])
     for (name, value), rest, change in zip(moved.items(), remaining, changes, strict=True):
-        left = np.linalg.norm(rest - (value - values[name]) * change)
-        assert left < most * np.linalg.norm(rest), name
+        imbalance = np.linalg.norm(rest - (value - values[name]) * change)
+        assert imbalance < most * np.linalg.norm(rest), name
 
 
 def test_damping_moves_no_shape_at_rest():
     """What is left of the velocity on the way there is no motion."""
-    [found] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("damping")])
-    assert found.exact.all() and not found.changes.any()
+    [jacobian] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("damping")])
+    assert jacobian.exact.all() and not jacobian.changes.any()
 
 
 def test_a_frame_that_is_not_there_has_no_balance():

@@ -56,13 +56,13 @@ def pressure_seen(motion):
 def test_lag_is_an_exponential_that_empties_as_it_is_told():
     # p = P (1 - exp(-t / fill)), then P exp(-t / empty): means over ticks are differences of the integral
     tick, fill, empty = 0.01, 0.05, 0.2
-    told = np.repeat([[100e3], [0.0]], 50, axis=0)
+    set_points = np.repeat([[100e3], [0.0]], 50, axis=0)
     t = tick * np.arange(51)
     up = 100e3 * (t + fill * np.expm1(-t / fill))
     top = -100e3 * np.expm1(-0.5 / fill)
     down = -top * empty * np.expm1(-t / empty)
     expected = np.concatenate([np.diff(up), np.diff(down)]) / tick
-    assert lagged(told, tick, fill, empty)[:, 0] == pytest.approx(expected, rel=1e-9)
+    assert lagged(set_points, tick, fill, empty)[:, 0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_first_order_lag_is_exact_and_may_fall_slower_than_it_rises():
@@ -254,15 +254,15 @@ def test_creep_is_the_standard_linear_solid():
     crept = with_effects(case, Term("muscle_creep", {"share": share, "time": tau}))
     slow, plain = SIMULATOR.run([crept, case], [times] * 2)
     force, elastic = 2 * PULL, plain.contraction[-1, 0]
-    left = 1 - share * STIFFNESS * elastic / force  # 1 - s k / (k + K)
-    z = share * elastic / left * -np.expm1(-times * left / tau)
+    remainder = 1 - share * STIFFNESS * elastic / force  # 1 - s k / (k + K)
+    z = share * elastic / remainder * -np.expm1(-times * remainder / tau)
     expected = elastic * (1 + STIFFNESS * z / force)
     assert slow.contraction[:, 0] == pytest.approx(expected, rel=0.01)
     assert expected[-1] > 1.1 * elastic
     [rest] = SIMULATOR.equilibria([crept])  # at its limit
     end = (rest.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2
     [bare] = SIMULATOR.equilibria([case])
-    assert end / ((bare.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2) == pytest.approx(1 / left, rel=0.01)
+    assert end / ((bare.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2) == pytest.approx(1 / remainder, rel=0.01)
 
 
 def test_a_law_from_a_bench_that_held_each_point_has_the_creep_at_rest_and_lacks_it_at_once():
@@ -435,10 +435,10 @@ GIVEN = {"learned": COEFFICIENTS, "discovered": COEFFICIENTS}  # off by default
 
 
 def test_lanes_keep_their_bits_and_leave_nothing():
-    own = [n for n in BUILT_IN if EFFECTS[n].site != "sensing"]
-    cases = [PLAIN, *(with_effects(PLAIN, Term(name, GIVEN.get(name, {}))) for name in own)]
+    names = [n for n in BUILT_IN if EFFECTS[n].site != "sensing"]
+    cases = [PLAIN, *(with_effects(PLAIN, Term(name, GIVEN.get(name, {}))) for name in names)]
     bare, *together = SIMULATOR.run(cases, [TIMES] * len(cases))
-    for name, case, beside in zip(own, cases[1:], together, strict=True):
+    for name, case, beside in zip(names, cases[1:], together, strict=True):
         [alone] = SIMULATOR.run([case], [TIMES])
         assert np.array_equal(alone.middle, beside.middle), name
         assert np.abs(beside.middle - bare.middle).max() > 2e-5, name
@@ -468,10 +468,10 @@ def test_derivative_at_off_exists():
         for key in EFFECTS[name].strengths:
             parameter = EFFECTS[name].parameters[key]
             zero = SHAPES.get(name, {}) | {k: EFFECTS[name].parameters[k].off for k in EFFECTS[name].strengths}
-            whole = SIZES.get(f"{name}.{key}", SIZES.get(name, SIZES.get(EFFECTS[name].site, 0.2)))
+            step = SIZES.get(f"{name}.{key}", SIZES.get(name, SIZES.get(EFFECTS[name].site, 0.2)))
             case = EMPTIED if key == "lengthening" else PLAIN
             cases.append(case)
-            for share in (whole, whole / 2):
+            for share in (step, step / 2):
                 moved = share * parameter.deviation
                 value = parameter.off * np.exp(moved) if parameter.transform == "log" else parameter.off + moved
                 cases.append(with_effects(case, Term(name, zero | {key: value})))
@@ -520,9 +520,9 @@ def test_a_formula_says_what_coefficients_add():
 
 
 def test_what_is_discovered_is_learned_and_adds_to_it():
-    half, whole = {"stroke": 10.0, "down": 0.5}, {"stroke": 20.0, "down": 1.0}
+    half, coefficients = {"stroke": 10.0, "down": 0.5}, {"stroke": 20.0, "down": 1.0}
     both = replace(PLAIN, effects=(Term("learned", half), Term("discovered", half)))
-    cases = [both, *(with_effects(PLAIN, Term(name, whole)) for name in ("learned", "discovered"))]
+    cases = [both, *(with_effects(PLAIN, Term(name, coefficients)) for name in ("learned", "discovered"))]
     added, learned, discovered = (motion.middle for motion in SIMULATOR.run(cases, [TIMES] * 3))
     np.testing.assert_array_equal(learned, discovered)
     np.testing.assert_allclose(added, learned, atol=1e-6)

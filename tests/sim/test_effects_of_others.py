@@ -63,8 +63,8 @@ def test_an_installed_package_s_effect(monkeypatch):
     share = EffectParameter("1", "of it", 1.0, (0.0, 1.0), 1.0)
     effect = Effect("their_effect", "fabric", "fabric", "what", "signature", "source", {"share": share})
 
-    def points(found):
-        point = SimpleNamespace(value="their:EFFECT", load=lambda: found)
+    def points(loaded):
+        point = SimpleNamespace(value="their:EFFECT", load=lambda: loaded)
         return lambda group: [point] * (group == "fabdesign.effects")
 
     monkeypatch.setattr(importlib.metadata, "entry_points", points(effect))

@@ -49,12 +49,12 @@ def apart(one, other):
 
 
 def test_a_motion_led_along_its_own_stays_as_it_is(motions):
-    own, other = motions
+    plain, other = motions
     fine = np.linspace(0.01, 1.0, 100)
     tracks = [Lead(fine, motion.middle.astype(float)) for motion in SIMULATOR.run([CASE, OTHER], [fine, fine])]
     led = SIMULATOR.led([CASE, OTHER, CASE], [*(Way(TIMES, track) for track in tracks), Way(TIMES)])
-    assert apart(led[0].middle, own.middle).max() < 2e-4 and apart(led[1].middle, other.middle).max() < 2e-4
-    assert apart(led[2].middle, own.middle).max() < 1e-4  # beside them, without a lead
+    assert apart(led[0].middle, plain.middle).max() < 2e-4 and apart(led[1].middle, other.middle).max() < 2e-4
+    assert apart(led[2].middle, plain.middle).max() < 1e-4  # beside them, without a lead
 
 
 def test_a_motion_that_is_led_has_the_bounds_of_others():
@@ -64,7 +64,7 @@ def test_a_motion_that_is_led_has_the_bounds_of_others():
 
 
 def test_a_motion_led_along_another_comes_near_it(motions):
-    own, other = motions
+    plain, other = motions
     [led] = SIMULATOR.led([CASE], [Way(TIMES, Lead(TIMES, other.middle.astype(float)))])
-    before, after = apart(own.middle, other.middle), apart(led.middle, other.middle)
+    before, after = apart(plain.middle, other.middle), apart(led.middle, other.middle)
     assert before[10:].mean() > 3e-3 and after[10:].mean() < 0.3 * before[10:].mean()

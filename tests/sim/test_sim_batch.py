@@ -61,10 +61,10 @@ def test_kernel_for_one_design_agrees_with_the_one_for_many(tmp_path):
 
 
 def test_lanes_must_be_known(tmp_path):
-    said = subprocess.run(
+    process = subprocess.run(
         (sys.executable, "-c", "import sim"), env={**os.environ, "FABDESIGN_LANES": "3"}, capture_output=True, text=True
     )
-    assert "FABDESIGN_LANES is '3'; expected 1, 2, 4, 8 or 16" in said.stderr
+    assert "FABDESIGN_LANES is '3'; expected 1, 2, 4, 8 or 16" in process.stderr
 
 
 def test_mirror_images(designs):
@@ -130,12 +130,12 @@ def test_diverged_motion_is_tried_again_with_half_the_steps(cases, motions, monk
 
 def test_a_cloth_that_long_steps_do_not_bring_to_rest_starts_from_a_damped_motion(designs, monkeypatch):
     tilted = replace(designs[0], fabric=replace(designs[0].fabric, gravity=(0.0, -9.7, -1.4)))
-    [found] = run(held(tilted, (200, 100, 0, 50)))
+    [motion] = run(held(tilted, (200, 100, 0, 50)))
     rested = sim.equilibrium.rested
     monkeypatch.setattr(sim.equilibrium, "rested", lambda batch: np.zeros_like(rested(batch)))
     [other] = run(held(tilted, (200, 100, 0, 50)))
-    assert other.diverged is None and not np.array_equal(other.middle, found.middle)
-    assert np.abs(other.middle - found.middle).max() < 2e-4
+    assert other.diverged is None and not np.array_equal(other.middle, motion.middle)
+    assert np.abs(other.middle - motion.middle).max() < 2e-4
 
 
 def test_factors_multiply_the_declared_values(designs):
@@ -159,8 +159,8 @@ def test_factors_multiply_the_declared_values(designs):
         for name, changed in types.items()
     ]
     names = [*scaled, *types]
-    plain, *found = run(held(design, kpa), *(held(design, kpa, **{name: f}) for name in names))
-    for name, motion, expected in zip(names, found, run(*declared), strict=True):
+    plain, *factored = run(held(design, kpa), *(held(design, kpa, **{name: f}) for name in names))
+    for name, motion, expected in zip(names, factored, run(*declared), strict=True):
         assert np.abs(motion.middle - expected.middle).max() < 1e-6, name
         assert np.abs(motion.middle - plain.middle).max() > 1e-6, name
 

@@ -32,9 +32,9 @@ def test_strip_stretches_and_narrows():
     bar = linear_muscle(1e-3, 0.0, name="bar", mass_per_length=tension / G, axis_offset=0.0)
     weight = Muscle("bar", "front", 0, ((0.0, length), (width, length)), width)
     design = cloth(weight, types={"bar": bar}, width=width, areal_density=1e-3)
-    found = shape(design, (0,))
-    stretch = (found[15, 20, 1] - found[25, 20, 1]) / (10 * length / 40) - 1
-    narrow = (found[20, -1, 0] - found[20, 0, 0]) / width - 1
+    points = shape(design, (0,))
+    stretch = (points[15, 20, 1] - points[25, 20, 1]) / (10 * length / 40) - 1
+    narrow = (points[20, -1, 0] - points[20, 0, 0]) / width - 1
     assert stretch == pytest.approx(tension / 520, rel=0.01)
     assert narrow == pytest.approx(-0.25 * tension / 520, rel=0.05)
 

@@ -107,23 +107,23 @@ def test_solve_adds_what_the_matrices_say(bent_sheet):
     right = np.random.default_rng(1).standard_normal((N * N, 3)) * 1e-3
     right[:N] = 0
     _factor()
-    found = []
+    solutions = []
     for coarse in (1, 0):
         values = np.zeros((*F.modal3.shape, 3 * LANES), np.float32)
         values[0, : N * N] = np.repeat(right, LANES, axis=1)
         F.modal3.from_numpy(values)
         _solve(points, coarse)
-        found.append(F.modal3.to_numpy()[0, : N * N].astype(float).reshape(N * N, 3, LANES)[:, :, 0])
+        solutions.append(F.modal3.to_numpy()[0, : N * N].astype(float).reshape(N * N, 3, LANES)[:, :, 0])
     s = np.einsum("ncm,nc->m", w, right)
     expected = np.einsum("ncm,m->nc", w, np.linalg.solve(coupled, s) - np.linalg.solve(alone, s))
-    assert found[0] - found[1] == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
+    assert solutions[0] - solutions[1] == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
 def test_normal_modes_are_those_of_a_free_beam():
     # cos x cosh x = 1: x = 4.7300, 7.8532, 10.9956; eigenvalue (x / (n - 1))^4 of nodes a unit apart
-    found = np.sort(modes_across(161, Support.TOP).bending)
-    assert found[:2] == pytest.approx([0, 0], abs=1e-12)
-    assert found[2:5] == pytest.approx((np.array([4.7300, 7.8532, 10.9956]) / 160) ** 4, rel=0.03)
+    eigenvalues = np.sort(modes_across(161, Support.TOP).bending)
+    assert eigenvalues[:2] == pytest.approx([0, 0], abs=1e-12)
+    assert eigenvalues[2:5] == pytest.approx((np.array([4.7300, 7.8532, 10.9956]) / 160) ** 4, rel=0.03)
 
 
 @pytest.mark.parametrize("support", [Support.TOP, Support.LEFT, Support.RIGHT])

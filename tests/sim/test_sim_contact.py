@@ -50,7 +50,7 @@ def test_forces_are_the_gradient_of_the_energy():
             np.repeat(values[None, :, None, None], LANES, axis=-1),
         )
         forces(n)
-        found = F.node3.to_numpy()[0, F.f : F.f + (n + 2) ** 2].reshape(n + 2, n + 2, 3, LANES)[1:-1, 1:-1, :, 0]
+        force = F.node3.to_numpy()[0, F.f : F.f + (n + 2) ** 2].reshape(n + 2, n + 2, 3, LANES)[1:-1, 1:-1, :, 0]
         F.pairs[0] = 0
 
     def energy(x):
@@ -65,9 +65,9 @@ def test_forces_are_the_gradient_of_the_energy():
         step[index] = 1e-7
         expected[index] = (energy(x - step) - energy(x + step)) / 2e-7
     largest = np.abs(expected).max()
-    assert largest > 0.1 and np.abs(found - expected).max() < 1e-4 * largest
-    assert np.abs(found.sum((0, 1))).max() < 1e-5 * largest
-    assert np.abs(np.cross(x, found).sum((0, 1))).max() < 1e-5 * largest * L
+    assert largest > 0.1 and np.abs(force - expected).max() < 1e-4 * largest
+    assert np.abs(force.sum((0, 1))).max() < 1e-5 * largest
+    assert np.abs(np.cross(x, force).sum((0, 1))).max() < 1e-5 * largest * L
 
 
 def hairpin(gap, n=N):

@@ -37,16 +37,16 @@ def with_all(folder):
 
 
 def test_taichis_own_frontend_asks_for_the_same_kernels(folder, with_all):
-    found, kernels = forces(folder, SHORT_FRONTEND)
-    assert np.array_equal(found, with_all[0])
+    force, kernels = forces(folder, SHORT_FRONTEND)
+    assert np.array_equal(force, with_all[0])
     assert kernels == with_all[1] and kernels
 
 
 def test_all_off_gives_the_same_forces(folder, with_all):
     # another kernel for each loop whose step is no longer hidden; 1e-6 of the largest force is rounding
-    found, kernels = forces(folder, SHORT_FRONTEND, HIDDEN_STEPS)
-    assert np.abs(found).max() > 1
-    assert np.abs(found - with_all[0]).max() < 1e-6 * np.abs(found).max()
+    force, kernels = forces(folder, SHORT_FRONTEND, HIDDEN_STEPS)
+    assert np.abs(force).max() > 1
+    assert np.abs(force - with_all[0]).max() < 1e-6 * np.abs(force).max()
     assert not kernels <= with_all[1]
 
 

@@ -66,17 +66,17 @@ def test_taichis_own_frontend_stays(monkeypatch, why):
 
 def test_frontends_of_two_threads_leave_taichis_own():
     visit = Builder.__call__
-    inside, left = threading.Event(), threading.Event()
+    inside, release = threading.Event(), threading.Event()
 
     def first():
         with brief():
             inside.set()
-            left.wait(1)
+            release.wait(1)
 
     thread = threading.Thread(target=first)
     thread.start()
     inside.wait()
-    threading.Timer(0.1, left.set).start()
+    threading.Timer(0.1, release.set).start()
     with brief():
         assert Builder.__call__ is not visit
     thread.join()
@@ -88,9 +88,9 @@ def test_a_module_that_is_loaded_anew_is_read_anew(tmp_path):
     file = tmp_path / "own_kernel.py"
     text = "import taichi as ti\n\n\n@ti.kernel\ndef answer() -> ti.i32:\n    return {}\n"
     fields.allocate(43 * 43, 96, 43, blocks=8)
-    found = []
+    answers = []
     for k, value in enumerate((41, 42)):
         file.write_text(text.format(value))
         os.utime(file, (k, k))
-        found.append(Timed(runpy.run_path(str(file))["answer"])())
-    assert found == [41, 42]
+        answers.append(Timed(runpy.run_path(str(file))["answer"])())
+    assert answers == [41, 42]

@@ -52,11 +52,11 @@ def test_packing(kinds):
     assert all(len(block) == LANES for block in blocks)
     seated = [i for block in blocks for i in dict.fromkeys(block)]
     assert sorted(seated) == list(range(len(kinds)))  # each in one block
-    whole = sum(kinds.count(kind) // LANES for kind in set(kinds))
+    full_blocks = sum(kinds.count(kind) // LANES for kind in set(kinds))
     unlike = [block for block in blocks if len({kinds[i] for i in block}) > 1]
-    assert len(blocks) - whole >= len(unlike)  # whole groups stay together
+    assert len(blocks) - full_blocks >= len(unlike)  # whole groups stay together
     threads = os.cpu_count() or 1
-    assert len(blocks) - whole <= -(-(len(kinds) - whole * LANES) // LANES) + threads - 1
+    assert len(blocks) - full_blocks <= -(-(len(kinds) - full_blocks * LANES) // LANES) + threads - 1
 
 
 @given(

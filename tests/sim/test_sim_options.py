@@ -18,7 +18,7 @@ from sim import Simulator
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "said"),
+    ("option", "value", "problem"),
     [
         ("points_per_side", 8, "points_per_side is 8; expected a whole number from 9 to 161"),
         ("points_per_side", 21.5, "points_per_side is 21.5; expected a whole number from 9 to 161"),
@@ -33,12 +33,12 @@ from sim import Simulator
         ("self_contact", 1, "self_contact is 1; expected True or False"),
     ],
 )
-def test_option_out_of_range_is_told_in_a_line(option, value, said):
-    with pytest.raises(InputError, match=f"^{said}$"):
+def test_option_out_of_range_is_told_in_a_line(option, value, problem):
+    with pytest.raises(InputError, match=f"^{problem}$"):
         Simulator(**{option: value})
 
 
-def test_extreme_options_can_be_tried_againfiner():
+def test_extreme_options_can_be_tried_finer():
     least = Simulator(time_step=1e-6, iterations=1000, calm_steps=1)
     assert least.finer() == least
     assert Simulator().finer() == replace(Simulator(), time_step=1 / 3840, calm_steps=4, iterations=32)

@@ -47,15 +47,15 @@ def stepped(request):
 
 
 def test_greens_functions_are_those_of_nodal_forces(stepped):
-    found = F.green.to_numpy()[0, ..., 0].reshape(F.points, F.points, GREEN)
+    green = F.green.to_numpy()[0, ..., 0].reshape(F.points, F.points, GREEN)
     for b in (0, 1, len(stepped) // 2, len(stepped) - 1):
         for f in range(5):
             response = inverse(np.repeat(stepped[b, f][:, None], 3, axis=1), 0)
             expected = stepped @ response[:, 2]
-            assert found[: len(stepped), b, 2 + f :: 5] == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
+            assert green[: len(stepped), b, 2 + f :: 5] == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
             if f == 0:
                 expected = stepped[:, 0] @ response[:, :2]
-                assert found[: len(stepped), b, :2] == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
+                assert green[: len(stepped), b, :2] == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
 
 
 def test_muscles_answer_what_they_are_stretched_by(stepped):
@@ -69,9 +69,9 @@ def test_muscles_answer_what_they_are_stretched_by(stepped):
     compliance = point[X.compliance : X.compliance + count - 1].astype(float)
     jacobian = np.zeros((count - 1, N * N, 3))
     for end in range(2):
-        own = stepped[end : end + count - 1]
-        jacobian[:, :, :2] += coefficient[end, :2].T[:, None] * own[:, 0, :, None]
-        jacobian[:, :, 2] += np.einsum("fk,kfn->kn", coefficient[end, 2:], own)
+        functionals = stepped[end : end + count - 1]
+        jacobian[:, :, :2] += coefficient[end, :2].T[:, None] * functionals[:, 0, :, None]
+        jacobian[:, :, 2] += np.einsum("fk,kfn->kn", coefficient[end, 2:], functionals)
     tension = np.einsum("knc,nc->k", jacobian, y) / compliance
     answer = np.einsum("knc,k->nc", jacobian, tension)
     answer[:N] = 0  # the edge is held

@@ -28,8 +28,7 @@ def test_reference_force_is_the_gradient_of_its_energy(support):
     assert -np.sum(force * w) == pytest.approx(slope, rel=1e-6)
 
 
-def test_muscles_pull_no_whole():
-    # internal forces: no resultant, no moment
+def test_muscles_exert_no_resultant_and_no_moment():
     design = laced(gravity=(0.0, 0.0, 0.0))
     sheet, random = ReferenceSheet(design, 9), np.random.default_rng(0)
     x = sheet.rest + 0.002 * random.standard_normal(sheet.rest.shape)
@@ -51,17 +50,17 @@ def test_equilibrium_and_motion_follow_the_reference():
     assert np.abs(motion.middle.reshape(3, -1, 3) - frames).max() < 1e-5
     assert motion.contraction[-1] == pytest.approx(sheet.contraction, abs=2e-5)
     final = sheet.equilibrium(np.array(pressure) * 1e3, start=frames[-1]).reshape(N, N, 3)
-    found = middle(EXACT.equilibria([held(design, pressure)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
-    assert np.abs(found - final).max() < 2e-5
+    shape = middle(EXACT.equilibria([held(design, pressure)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
+    assert np.abs(shape - final).max() < 2e-5
 
 
 def test_clamped_edge_follows_the_reference():
     design = cloth(support="clamped", gravity=(0.0, -7.0, -7.0), bending_stiffness=(0.006, 0.003))
     sheet = ReferenceSheet(design, N)
     final = sheet.equilibrium().reshape(N, N, 3)
-    found = middle(EXACT.equilibria([held(design)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
+    shape = middle(EXACT.equilibria([held(design)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
     assert np.abs(final[-1, :, 2]).min() > 0.03
-    assert np.abs(found - final).max() < 2e-5
+    assert np.abs(shape - final).max() < 2e-5
 
 
 EFFECTS = {
@@ -87,11 +86,11 @@ EFFECTS = {
 @pytest.mark.parametrize("name", EFFECTS)
 def test_effects_follow_the_reference(name, without_effects):
     # up and, 6 steps later, down again: friction turns round, creep goes back
-    values, own = EFFECTS[name]
+    values, options = EFFECTS[name]
     h, times = EXACT.time_step, EXACT.time_step * np.arange(11)
     case = Case(laced(), PressureProgram(np.array([0.0, 6 * h]), UP_AND_DOWN, 1.0), effects=(Term(name, values),))
     [motion] = EXACT.run([case], [times])
-    expected = _reference(ReferenceWithEffects(laced(), N, **own))
+    expected = _reference(ReferenceWithEffects(laced(), N, **options))
     error = np.abs(motion.middle.reshape(11, -1, 3) - expected).max()
     assert error < 2e-5 < np.abs(expected - without_effects).max() / 5
 

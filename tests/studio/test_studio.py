@@ -53,7 +53,7 @@ class Shown:
     def __init__(self) -> None:
         self.session: Session | None = None
         self.shapes: list[LiveShape] = []
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self.motions = 0
         self._motion: object = None
 
@@ -64,8 +64,8 @@ class Shown:
         )  # fmt: skip
         if shape is not None and shape not in self.shapes[-1:]:
             self.shapes.append(shape)
-        if message not in ("", *self.said[-1:]):
-            self.said.append(message)
+        if message not in ("", *self.messages[-1:]):
+            self.messages.append(message)
         if motion is not None and motion is not self._motion:
             self.motions += 1
         self._motion = motion
@@ -239,8 +239,8 @@ def test_limits_agree_with_the_margins_of_a_search() -> None:
             for corner in range(2):
                 layout = edits.move_corner(layout, i, corner, tuple(rng.uniform(0.01, 0.19, 2)))
         margins = constraint_margins(layout.design, np.zeros(3), Limits())
-        said = {names[line.limit] for line in broken_limits(layout, Limits())}
-        assert said == {name for name, margin in margins.items() if margin < -1e-6 and name != "inside_cloth"}
+        broken = {names[line.limit] for line in broken_limits(layout, Limits())}
+        assert broken == {name for name, margin in margins.items() if margin < -1e-6 and name != "inside_cloth"}
 
 
 # the shape that follows
@@ -337,10 +337,10 @@ def test_unsaved_changes_come_back(begin: Begin) -> None:
     session.document.edit("flip", lambda layout: edits.flip(layout, 0))
     session.document.press(1, 120e3)
     settle(session, clock)
-    left = session.document.layout
+    unsaved = session.document.layout
     again, shown, *_ = begin()
-    assert again.document.layout == left
-    assert "restored" in shown.said[0]
+    assert again.document.layout == unsaved
+    assert "restored" in shown.messages[0]
     again.document.step(-1)
     assert again.document.layout == Layout.of(build("basic"))
 
@@ -349,13 +349,13 @@ def test_an_autosave_on_a_file_that_has_changed_is_a_step_away(begin: Begin, tmp
     session, _, _, clock = begin()
     session.document.edit("flip", lambda layout: edits.flip(layout, 0))
     settle(session, clock)
-    left = session.document.layout
+    unsaved = session.document.layout
     write_design(edits.remove_muscle(BASIC, 7).design, tmp_path / "basic.toml")
     again, shown, *_ = begin()
     assert len(again.document.layout.design.muscles) == 7
-    assert "has changed" in shown.said[0]
+    assert "has changed" in shown.messages[0]
     again.document.step(1)
-    assert again.document.layout == left
+    assert again.document.layout == unsaved
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "fabdesign.studio-autosave/1", "muscles": [{}]}', "[1]"])
@@ -365,7 +365,7 @@ def test_a_damaged_autosave_is_none(begin: Begin, tmp_path: Path, text: str) -> 
     assert session.document.layout == BASIC
     assert session.document.history.move(-1) is None
     assert session.document.history.move(1) is None
-    assert shown.said == []
+    assert shown.messages == []
 
 
 def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path) -> None:
@@ -379,7 +379,7 @@ def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path)
     write_design(edits.remove_muscle(BASIC, 0).design, tmp_path / "basic.toml")
     settle(session, clock)
     assert session.document.layout == mine
-    assert "changed by another program" in shown.said[-1]
+    assert "changed by another program" in shown.messages[-1]
     session.files.load_again()
     assert len(session.document.layout.design.muscles) == 7
 
@@ -427,7 +427,7 @@ def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
     assert shown.motions == 1
     assert session.playing.motion is not None
     assert len(session.playing.motion.points) == len(session.playing.motion.times) == 61
-    assert shown.said[-1] == "rise: 61 frames"  # no longer that it is computed
+    assert shown.messages[-1] == "rise: 61 frames"  # no longer that it is computed
     session.document.edit("flip", lambda layout: edits.flip(layout, 0))
     assert session.playing.motion is None  # it was of another layout
 
@@ -457,7 +457,7 @@ def test_a_motion_is_written_for_other_programs(begin: Begin, tmp_path: Path) ->
     session.playing.write(tmp_path / "motion.csv")
     with pytest.raises(InputError, match=r"motion\.csv"):
         settle(session, clock)  # it is there already, and stays
-    assert "wrote" not in shown.said[-1]
+    assert "wrote" not in shown.messages[-1]
 
 
 def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> None:
@@ -620,11 +620,11 @@ def target_at(layout: Layout, path: Path, *, every: int = 1) -> LoadedTarget:
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
     target = target_at(BASIC, tmp_path / "flat.xyz")
     flat = np.concatenate([target.points + [0, 0, z] for z in (1e-3, -1e-3)]).astype(np.float32)
-    found = Comparison.of(target, flat, BASIC.design)
-    assert found.errors.surface_rms == pytest.approx(1e-3, rel=1e-4)
+    comparison = Comparison.of(target, flat, BASIC.design)
+    assert comparison.errors.surface_rms == pytest.approx(1e-3, rel=1e-4)
     assert Surface.of_faces(flat).distance(target.points) == pytest.approx(np.full(41 * 41, 1e-3), rel=1e-4)
-    assert found.of_cloth == pytest.approx(np.full(2 * 41 * 41, 1e-3), rel=1e-4)
-    assert "surface RMS 1.00 mm (noise floor" in found.sentences[1]
+    assert comparison.of_cloth == pytest.approx(np.full(2 * 41 * 41, 1e-3), rel=1e-4)
+    assert "surface RMS 1.00 mm (noise floor" in comparison.sentences[1]
 
 
 def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
@@ -706,22 +706,22 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     session, _, _, clock = begin(targets=(target,))
     session.document.edit("flip", lambda layout: edits.flip(layout, 7))
     settle(session, clock)
-    own = session.document.layout
+    drawing = session.document.layout
     session.search.start("one more muscle", 10)
-    better = edits.move_muscle(edits.add_muscle(own.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
+    better = edits.move_muscle(edits.add_muscle(drawing.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
     Searching.better = better
     settle(session, clock, 4.0)
     assert session.document.layout == better  # it moves in
-    assert session.document.history.layout == own
+    assert session.document.history.layout == drawing
     result = session.document.results[0]
-    (mine, _), (found, _) = (session.document.errors_of(one) for one in (session.document.history, result))
-    assert found == result.comparison.errors.chamfer < mine
+    (mine, _), (chamfer, _) = (session.document.errors_of(one) for one in (session.document.history, result))
+    assert chamfer == result.comparison.errors.chamfer < mine
     table = results_table(session.document)
     assert f"<td>own drawing</td><td>8</td><td>{1e3 * mine:.2f}</td>" in table
-    assert re.search(rf"<td>9</td><td>{1e3 * found:.2f}</td><td>[\d.]+</td><td>190</td>", table)
+    assert re.search(rf"<td>9</td><td>{1e3 * chamfer:.2f}</td><td>[\d.]+</td><td>190</td>", table)
     line = session.document.one_more_buys(result)
     assert f"{1e3 * mine - 3:.2f} mm less than {1e3 * mine:.2f} mm with 8 (own drawing)" in str(line)
-    rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.2e-3)
+    rival = Result(name="search 2", begun=drawing, layouts=(drawing,), objective=3.2e-3)
     session.document.results.append(rival)
     assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(session.document.one_more_buys(result))
     assert session.document.one_more_buys(rival) is None
@@ -731,7 +731,7 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     assert not session.search.running
     session.document.show_result(None)
     settle(session, clock)
-    assert session.document.layout == own
+    assert session.document.layout == drawing
     assert session.document.other.at(0) == better
     session.document.show_result(session.document.results[0])
     session.document.press(1, 50e3)  # an edit takes it
@@ -740,7 +740,7 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     assert session.document.layout == better.with_pressure(1, 50e3)
     session.document.step(-1)
     session.document.step(-1)
-    assert session.document.layout == own
+    assert session.document.layout == drawing
 
 
 def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path) -> None:
@@ -975,11 +975,11 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         page.turn()
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
-        found = Result(
+        result = Result(
             name="search 1", begun=session.document.layout, layouts=(session.document.layout.with_pressure(1, 9e4),)
         )
-        session.document.results.append(found)
-        session.document.show_result(found)
+        session.document.results.append(result)
+        session.document.show_result(result)
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None

@@ -77,7 +77,7 @@ def test_a_sitting(page: Page, tmp_path: Path) -> None:
     page.wait(holds("all kept"), seconds=WAIT)
 
     page.wait(exact(other_than=flat), seconds=WAIT)
-    own = chamfer(page)
+    initial = chamfer(page)
     page.open_tab("Target")
     page.fill("Seconds", "600")
     page.run(WATCH_HEAD)
@@ -92,20 +92,20 @@ def test_a_sitting(page: Page, tmp_path: Path) -> None:
     assert np.ptp(heights, axis=0).max() < 10  # px: what is under the hand stays there, whatever the head says
     assert rows[1].startswith("own drawing\t8")
     assert rows[2].startswith("search 1: pressures\t8")
-    page.wait(exact(other_than=f"Chamfer {own}"), seconds=WAIT)
-    assert float(chamfer(page)) < float(own)
+    page.wait(exact(other_than=f"Chamfer {initial}"), seconds=WAIT)
+    assert float(chamfer(page)) < float(initial)
 
     page.open_tab("Files")
     page.press_button("Save")
     page.wait(holds("files in basic_studio"), seconds=WAIT)
-    saved, found = tmp_path / "basic_studio", tmp_path / "basic_studio_search_1" / "result"
+    saved, result = tmp_path / "basic_studio", tmp_path / "basic_studio_search_1" / "result"
     for name in ("design.toml", "study.toml"):
         assert inspect(saved / name).problems == ()
-    assert read_design(saved / "design.toml").muscles == read_design(found / "design.toml").muscles
+    assert read_design(saved / "design.toml").muscles == read_design(result / "design.toml").muscles
     assert read_design(saved / "design.toml").muscles[0].path[1][0] == 0.045
     kpa = [
         [float(x) for x in (folder / "pressures.csv").read_text().splitlines()[-1].split(",")[1:]]
-        for folder in (saved, found)
+        for folder in (saved, result)
     ]
     assert kpa[0] == pytest.approx(kpa[1], abs=0.1)
 
@@ -130,16 +130,16 @@ def exact(*, other_than: str | None = None) -> str:
 
 def chamfer(page: Page) -> str:
     """mm, what the page says of the distance to the target."""
-    found = re.search(r"Chamfer ([0-9.]+) mm", page.text())
-    assert found is not None
-    return found[1]
+    match = re.search(r"Chamfer ([0-9.]+) mm", page.text())
+    assert match is not None
+    return match[1]
 
 
 def edge(page: Page) -> str:
     """What the page says of the lower edge."""
-    found = re.search(r"lower edge, middle: .* mm;", page.text())
-    assert found is not None
-    return found[0]
+    match = re.search(r"lower edge, middle: .* mm;", page.text())
+    assert match is not None
+    return match[0]
 
 
 def drag_end(page: Page, begin: tuple[float, float], end: tuple[float, float]) -> None:

@@ -81,8 +81,8 @@ def websocket_opens(address: str, origin: str | None = None, **headers: str) -> 
 
 
 def test_the_address_lets_in_and_nothing_else_does(gate: Gate) -> None:
-    port, own = gate.port, f"http://127.0.0.1:{gate.port}"
-    assert gate.address == f"{own}/?token={gate.token}"
+    port, gate_origin = gate.port, f"http://127.0.0.1:{gate.port}"
+    assert gate.address == f"{gate_origin}/?token={gate.token}"
     assert [status(port, path) for path in ("/", "/?token=wrong", "/?token=", "/?token=%ff", "/?token=\udcff")] == [
         403
     ] * 5
@@ -95,7 +95,7 @@ def test_the_address_lets_in_and_nothing_else_does(gate: Gate) -> None:
     assert "frame-ancestors 'none'" in page
     assert status(port, path) == 403
     assert status(port, path, Cookie=f"{cookie}x") == 403
-    assert status(port, f"{path}/", Cookie=cookie, Origin=own) == 200
+    assert status(port, f"{path}/", Cookie=cookie, Origin=gate_origin) == 200
     assert status(port, path, Cookie=cookie, Origin="http://evil.example") == 403
     assert status(port, path, Cookie=cookie, Origin=f"http://127.0.0.1:{port + 1}") == 403  # another user's page
     assert status(port, path, Cookie=cookie, Host="evil.example") == 403  # a name that was made to lead here
@@ -118,14 +118,14 @@ def test_what_cannot_be_read_is_a_400(gate: Gate, capfd: pytest.CaptureFixture[s
 
 def test_a_websocket_needs_the_secret(gate: Gate) -> None:
     cookie, path = cookie_of(gate)
-    own, address = f"http://127.0.0.1:{gate.port}", f"ws://127.0.0.1:{gate.port}"
-    for origin in (None, own, "http://evil.example", "null"):
+    gate_origin, address = f"http://127.0.0.1:{gate.port}", f"ws://127.0.0.1:{gate.port}"
+    for origin in (None, gate_origin, "http://evil.example", "null"):
         assert not websocket_opens(f"{address}/", origin)
         assert not websocket_opens(f"{address}{path}", origin)
         assert not websocket_opens(f"{address}/?token=wrong", origin)
     assert not websocket_opens(f"{address}{path}", "http://evil.example", Cookie=cookie)
     assert not websocket_opens(f"{address}{path}", "null", Cookie=cookie)
-    assert websocket_opens(f"{address}{path}", own, Cookie=cookie)
+    assert websocket_opens(f"{address}{path}", gate_origin, Cookie=cookie)
     assert websocket_opens(f"{address}/?token={gate.token}")
 
 

@@ -1,7 +1,6 @@
 """The studio over a target that moves: knots of a program, the motion that goes on from them, what is saved."""
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -61,9 +60,6 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "follow.toml"
     path.write_text(f'{head}[motion]\nfile = "clouds"\nframe_rate = 10\n[rig_limits]\nrate = 1000\n')
     return path
-
-
-Sit = Callable[..., tuple[Session, AtOnce]]
 
 
 def sitting(*files: Path) -> tuple[Session, AtOnce]:

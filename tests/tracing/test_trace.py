@@ -50,7 +50,7 @@ from studies.tracing.residual_analysis import other_layouts, remains
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import backwards, with_all_effects, with_evidence
 from studies.tracing.task import Task, label_in
-from tests.few_effects import few_effects
+from tests.restricted_effects import restrict_effects
 
 TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
 TIMES = np.arange(1, 13) * 0.12
@@ -130,7 +130,7 @@ def trace(tmp_path, *, forward=None, **kwargs):
 @pytest.fixture(autouse=True, scope="module")
 def tried():
     with pytest.MonkeyPatch.context() as monkeypatch:
-        few_effects(monkeypatch, *TRIED)
+        restrict_effects(monkeypatch, *TRIED)
         yield
 
 
@@ -168,22 +168,22 @@ def test_what_is_left_of_single_trials_is_said(lagging):
 
 def test_trace_json_has_what_the_format_says(lagging):
     folder, _ = lagging
-    found = json.loads((folder / "out" / "trace.json").read_text())
-    assert found["format"] == "fabdesign.trace/1"
+    result = json.loads((folder / "out" / "trace.json").read_text())
+    assert result["format"] == "fabdesign.trace/1"
     assert {"verdict", "effects", "indistinguishable", "candidates", "error", "residual", "unjudged", "discovered",
-            "next_experiment"} <= found.keys()  # fmt: skip
-    assert set(found["effects"][0]) == {"name", "site", "scope", "parameters", "explains"}
-    assert found["effects"][0]["site"] == "pneumatics"
-    assert found["effects"][0]["scope"] == "rig"
-    assert set(found["effects"][0]["parameters"]["fill"]) == {"value", "unit", "interval90"}
-    named = {row["name"]: row for row in found["candidates"]}
+            "next_experiment"} <= result.keys()  # fmt: skip
+    assert set(result["effects"][0]) == {"name", "site", "scope", "parameters", "explains"}
+    assert result["effects"][0]["site"] == "pneumatics"
+    assert result["effects"][0]["scope"] == "rig"
+    assert set(result["effects"][0]["parameters"]["fill"]) == {"value", "unit", "interval90"}
+    named = {row["name"]: row for row in result["candidates"]}
     assert {"none", "filling_lag", "dead_time", "odd_muscle", "braid_hysteresis"} <= named.keys()
     assert named["filling_lag"]["adequate"] and not named["none"]["adequate"]
-    error = found["error"]
+    error = result["error"]
     assert (error["metric"], error["unit"], error["tolerance"]) == ("surface_rms", "mm", 0.5)
     assert 0.5 < error["noise_floor"] < error["before"]["held_out"]
     assert error["after"]["held_out"] == pytest.approx(error["noise_floor"], rel=0.1)  # it may fall below by chance
-    assert {"where", "when_s", "follows"} == found["residual"].keys()
+    assert {"where", "when_s", "follows"} == result["residual"].keys()
 
 
 def test_no_effect_is_adequate_in_the_median_too(lagging):
@@ -216,15 +216,16 @@ def test_the_report_is_whole_and_says_the_answer(lagging):
 
 
 @pytest.mark.parametrize(
-    ("millimetres", "told"), [(2.0, ["trials of role test are 2.00 mm over the noise"]), (0.9, [])]
+    ("millimetres", "expected"), [(2.0, ["trials of role test are 2.00 mm over the noise"]), (0.9, [])]
 )
-def test_trials_of_role_test_that_are_far_off_are_told(lagging, millimetres, told):
+def test_trials_of_role_test_that_are_far_off_are_told(lagging, millimetres, expected):
     outcome = lagging[1]
-    own = [replace(e.after, surface_rms=np.hypot(1e-3 * millimetres, outcome.floor)) for e in outcome.errors]
+    errors_after = [replace(e.after, surface_rms=np.hypot(1e-3 * millimetres, outcome.floor)) for e in outcome.errors]
     errors = tuple(
-        replace(e, after=far if e.role == "test" else e.after) for e, far in zip(outcome.errors, own, strict=True)
+        replace(e, after=far if e.role == "test" else e.after)
+        for e, far in zip(outcome.errors, errors_after, strict=True)
     )
-    assert [line.split(":")[0] for line in replace(outcome, errors=errors).sentences if "role test" in line] == told
+    assert [line.split(":")[0] for line in replace(outcome, errors=errors).sentences if "role test" in line] == expected
 
 
 def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagging, tmp_path):
@@ -260,7 +261,7 @@ def test_nothing_is_found_where_nothing_is(tmp_path, monkeypatch):
 
 
 def test_what_no_effect_does_is_unexplained(tmp_path, monkeypatch):
-    few_effects(monkeypatch, "odd_muscle", "filling_lag", "dead_time")
+    restrict_effects(monkeypatch, "odd_muscle", "filling_lag", "dead_time")
     outcome = trace(tmp_path, forward=Shaker(), count=5)
     assert outcome.verdict == "unexplained"
     assert outcome.effects == ()
@@ -270,7 +271,7 @@ def test_what_no_effect_does_is_unexplained(tmp_path, monkeypatch):
 
 def test_a_formula_is_discovered_where_no_effect_of_the_list_explains(tmp_path, monkeypatch):
     """Pressures that are not in proportion to the set point, which is none of the effects tried."""
-    few_effects(monkeypatch, "filling_lag", "dead_time")
+    restrict_effects(monkeypatch, "filling_lag", "dead_time")
     outcome = trace(tmp_path, effects=(Term("learned", {"bend": 0.3}),), count=5)
     assert outcome.verdict == "unexplained" and outcome.effects == ()
     [effect] = outcome.model.effects
@@ -278,18 +279,18 @@ def test_a_formula_is_discovered_where_no_effect_of_the_list_explains(tmp_path, 
     bend = effect.parameters["bend"]
     low, high = bend.interval90
     assert low < bend.value < high and bend.value == pytest.approx(0.3, abs=0.06)
-    found = outcome.to_json()
-    assert set(found["discovered"]["parameters"]) == {"bend"}
-    assert found["discovered"]["formula"] == f"p {bend.value:+.3g} p (p / 200 kPa - 1)"
-    assert found["discovered"]["excess_mm"]["after"] < 0.5 * found["discovered"]["excess_mm"]["before"]
-    assert found["error"]["after"]["held_out"] < 0.7 * found["error"]["before"]["held_out"]
-    assert found["discovered"]["formula"] in as_text(outcome)
+    result = outcome.to_json()
+    assert set(result["discovered"]["parameters"]) == {"bend"}
+    assert result["discovered"]["formula"] == f"p {bend.value:+.3g} p (p / 200 kPa - 1)"
+    assert result["discovered"]["excess_mm"]["after"] < 0.5 * result["discovered"]["excess_mm"]["before"]
+    assert result["error"]["after"]["held_out"] < 0.7 * result["error"]["before"]["held_out"]
+    assert result["discovered"]["formula"] in as_text(outcome)
     assert read_model(tmp_path / "out" / "model.toml").effects[0].name == "discovered"
 
 
 def test_what_is_the_same_from_rest_is_named_beside_what_was_found(tmp_path, monkeypatch):
     """By a fit, where the linear comparison of two places would tell them apart."""
-    few_effects(monkeypatch, "dead_time", "time_offset")
+    restrict_effects(monkeypatch, "dead_time", "time_offset")
     monkeypatch.setattr("optimize.fit.significance.ALIKE", 1.1)
     outcome = trace(tmp_path, effects=(Term("dead_time", {"delay": 0.12}),), count=5)
     assert outcome.verdict == "effect"
@@ -312,9 +313,9 @@ def test_unknowns_are_dropped_as_their_joint_distribution_says():
     precision = np.array([[100.0, 99.0], [99.0, 100.0]])
     covariance, x = np.linalg.inv(precision), np.array([0.5, 0.5])
     assert cost(x, covariance, np.array([0])) == pytest.approx(0.5 * 0.25 / covariance[0, 0])
-    moved, left = conditioned(x, covariance, np.array([0]))
+    moved, conditional = conditioned(x, covariance, np.array([0]))
     assert moved == pytest.approx([0.0, 0.5 + 0.99 * 0.5])  # the least of the quadratic form where the first is zero
-    assert left[1, 1] == pytest.approx(1 / precision[1, 1])
+    assert conditional[1, 1] == pytest.approx(1 / precision[1, 1])
     vector = fit_vector(["dead_time", "time_offset"])
     both = vector.part("dead_time").tolist() + vector.part("time_offset").tolist()
     wide = np.eye(len(vector.parameters))
@@ -333,13 +334,15 @@ def test_what_is_not_chosen_widens_what_is_kept():
     joint = np.linalg.inv(root @ root.T)
     names, kept = ["membrane", "drag", "bending", "lag", "creep"], ["bending", "shape", "membrane"]
     fixed = conditioned(np.zeros(5), joint, np.array([1, 3, 4]))[1]
-    own, rows = [2, 0], [0, 2]
-    x, found = np.array([0.3, 0.0, -0.2, 0.1, 0.0]), np.array([-0.2, 9.0, 0.3])
-    grown = undecided(x, joint, names, found, kept)
-    np.testing.assert_allclose(fixed[np.ix_(own, own)] + grown[np.ix_(rows, rows)], joint[np.ix_(own, own)], rtol=1e-9)
+    columns, rows = [2, 0], [0, 2]
+    x, fitted = np.array([0.3, 0.0, -0.2, 0.1, 0.0]), np.array([-0.2, 9.0, 0.3])
+    grown = undecided(x, joint, names, fitted, kept)
+    np.testing.assert_allclose(
+        fixed[np.ix_(columns, columns)] + grown[np.ix_(rows, rows)], joint[np.ix_(columns, columns)], rtol=1e-9
+    )
     assert (grown[1] == 0).all() and (grown[:, 1] == 0).all()  # an unknown that the joint fit has not
     assert (undecided(x, joint, names, x, names) == 0).all()
-    apart = undecided(x + [0.5, 0, 0, 0, 0], joint, names, found, kept) - grown
+    apart = undecided(x + [0.5, 0, 0, 0, 0], joint, names, fitted, kept) - grown
     np.testing.assert_allclose(apart, np.diag([0, 0, 0.25]), atol=1e-12)
 
 
@@ -359,7 +362,7 @@ def test_factors_are_plausible_within_what_their_prior_holds():
 
 
 def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):
-    few_effects(monkeypatch, "dead_time", "odd_muscle", "added_mass")
+    restrict_effects(monkeypatch, "dead_time", "odd_muscle", "added_mass")
     vector = fit_vector(["all"], designs=[build("vertical", muscles=3)])
     assert [label for label in vector.labels if label.startswith("odd")] == [
         "odd_muscle:0",
@@ -373,19 +376,19 @@ def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):
 
     variance = np.where(np.isin(np.arange(len(x)), vector.parts(places := [here, there, *others])), 1e-8, 1e-4)
     information = np.diag(1 / variance) - vector.precision
-    found = SimpleNamespace(
+    joint = SimpleNamespace(
         minimum=x, vector=vector, covariance=np.diag(variance), normal=SimpleNamespace(information=information)
     )
     assert len(places) == 4
     # all channels that the data need, of places the strongest
-    assert with_evidence(found) == ["dead_time", "odd_muscle:1", "odd_muscle:2", there]
+    assert with_evidence(joint) == ["dead_time", "odd_muscle:1", "odd_muscle:2", there]
     x[vector.part("dead_time")] = 0.03  # three deviations
-    assert with_evidence(found) == ["odd_muscle:1", "odd_muscle:2", there]
-    own, index = vector.only(["odd_muscle:1"])
-    assert own.labels == ("odd_muscle",) and label_in(vector, own.terms[0]) == "odd_muscle:1"
-    assert label_in(own, vector.terms[vector.labels.index("odd_muscle:1")]) == "odd_muscle"
-    assert own.names[-1] == "odd_muscle.factor" and own.terms_at(x[index])[0].values["channel"] == 1
-    assert own.terms_at(x[index])[0].values["factor"] == pytest.approx(np.exp(-0.4))
+    assert with_evidence(joint) == ["odd_muscle:1", "odd_muscle:2", there]
+    single, index = vector.only(["odd_muscle:1"])
+    assert single.labels == ("odd_muscle",) and label_in(vector, single.terms[0]) == "odd_muscle:1"
+    assert label_in(single, vector.terms[vector.labels.index("odd_muscle:1")]) == "odd_muscle"
+    assert single.names[-1] == "odd_muscle.factor" and single.terms_at(x[index])[0].values["channel"] == 1
+    assert single.terms_at(x[index])[0].values["factor"] == pytest.approx(np.exp(-0.4))
 
 
 @given(st.integers(0, 10**6))
@@ -447,9 +450,9 @@ def test_the_verdict_is_that_of_the_rules(evidence, verdict):
 
 def test_layouts_of_which_no_trial_was_fitted_stand_by_themselves():
     some = Errors(4.2e-3, 4.1e-3, 1e-3, 0.6e-3)
-    told = [("a", "fit"), ("a", "test"), ("b", "test"), ("b", "test")]
-    errors = [TrialResult("set", str(k), design, k, role, some, some) for k, (design, role) in enumerate(told)]
-    assert {name: [e.trial for e in own] for name, own in other_layouts(errors).items()} == {"b": ["2", "3"]}
+    trials = [("a", "fit"), ("a", "test"), ("b", "test"), ("b", "test")]
+    errors = [TrialResult("set", str(k), design, k, role, some, some) for k, (design, role) in enumerate(trials)]
+    assert {name: [e.trial for e in results] for name, results in other_layouts(errors).items()} == {"b": ["2", "3"]}
 
 
 def test_a_black_box_that_finds_no_gap_leaves_nothing_to_explain():
@@ -465,10 +468,10 @@ def late(tmp_path_factory):
     data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
     vector = fit_vector(["all"], designs=[build("cross")])
     forward = Predictor(Curler(), Model(), sensing=True)
-    near = {"filling_lag.fill": 0.25, "filling_lag.empty": 0.25, "supply_droop.share": 0.1}  # as balance leads
-    start = FitStart(np.array([near.get(name, 0.0) for name in vector.names]))
-    found = fit(Fits(forward, 0.5e-3).problem(data, vector), start)
-    return found, data
+    start_values = {"filling_lag.fill": 0.25, "filling_lag.empty": 0.25, "supply_droop.share": 0.1}  # as balance leads
+    start = FitStart(np.array([start_values.get(name, 0.0) for name in vector.names]))
+    joint = fit(Fits(forward, 0.5e-3).problem(data, vector), start)
+    return joint, data
 
 
 def test_what_builds_up_over_the_session_is_seen_and_its_size_said(late):
@@ -517,12 +520,12 @@ def unhurried(late):
 
 
 def test_several_effects_are_found_together_and_no_other(late):
-    found, data = late
-    assert with_evidence(found) == ["filling_lag", "supply_droop"]
-    terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
+    joint, data = late
+    assert with_evidence(joint) == ["filling_lag", "supply_droop"]
+    terms = {term.name: term.values for term in joint.vector.terms_at(joint.x)}
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
     assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
-    assert found.normal.scale == pytest.approx(data.noise.sigma, rel=0.1)
+    assert joint.normal.scale == pytest.approx(data.noise.sigma, rel=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -530,27 +533,27 @@ def selected(late, unhurried, tmp_path_factory):
     """What `backwards` gives of the joint fit, decoys beside the declared parameters alone, and the fits that it asked
     for."""
     joint, data = late
-    forward, said = Predictor(Curler(), Model(), sensing=True), []
+    forward, fit_names = Predictor(Curler(), Model(), sensing=True), []
     with work_folder(tmp_path_factory.mktemp("selected") / "out", made_by="trace") as work:
         task = Task(
             data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
-            say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
+            say=lambda line: fit_names.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
         chosen = backwards(task, joint, unhurried)
-        found, small, decoys = chosen.chosen, chosen.small, chosen.decoys
+        chosen_fit, small, decoys = chosen.chosen, chosen.small, chosen.decoys
         assert chosen.plain is unhurried  # of several effects none goes
         beside_nothing = decoys_beside(unhurried, joint, data.samples, data.folds, task.floor)
-    return found, small, decoys, beside_nothing, said
+    return chosen_fit, small, decoys, beside_nothing, fit_names
 
 
 def test_several_effects_of_which_each_gains_enough_for_certain_are_fitted_together_alone(selected, late):
-    found, small, _, _, said = selected
-    assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
+    chosen_fit, small, _, _, fit_names = selected
+    assert sorted(chosen_fit.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small
-    gains = Judged(found, late[1].folds, late[1].noise.sigma).gains
+    gains = Judged(chosen_fit, late[1].folds, late[1].noise.sigma).gains
     assert min(low for _, (low, _) in gains.values()) > 0.5e-3
     least = min(gains, key=lambda label: gains[label][0])  # asked by a fit without it, which loses
-    assert {*said} == {"filling_lag supply_droop", *({"filling_lag", "supply_droop"} - {least})}
+    assert {*fit_names} == {"filling_lag supply_droop", *({"filling_lag", "supply_droop"} - {least})}
 
 
 @pytest.mark.parametrize(("tolerance", "last"), [(0.5e-3, "every effect beside it"), (-1e-6, "every effect")])
@@ -558,31 +561,31 @@ def test_of_what_balance_has_no_evidence_for_the_joint_fit_knows_the_first_order
     """Unless that leaves most trials beyond the tolerance, here by less than nothing. What balance would say is taken
     from the joint fit."""
     joint, data = late
-    balanced, said = joint, []
+    balanced, lines = joint, []
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
-            say=lambda line: said.append(line.partition(",")) if "unknowns" in line else None,
+            say=lambda line: lines.append(line.partition(",")) if "unknowns" in line else None,
         )  # fmt: skip
         start = FitStart(starts_of(joint.vector, balanced), inputs=joint.inputs)
-        found = with_all_effects(task, joint.vector, start, balanced)
-    counts = {name: int(rest.split()[0]) for name, _, rest in said}
+        refit = with_all_effects(task, joint.vector, start, balanced)
+    counts = {name: int(rest.split()[0]) for name, _, rest in lines}
     assert [*counts] == ["what frames in balance show", last]
     assert counts["what frames in balance show"] < counts[last] == len(joint.vector.names)
-    assert found.vector is joint.vector and {"filling_lag", "supply_droop"} <= {*with_evidence(found)}
-    assert (found.after < 1.1 * joint.after) and np.isfinite(found.state.jacobian).all()
+    assert refit.vector is joint.vector and {"filling_lag", "supply_droop"} <= {*with_evidence(refit)}
+    assert (refit.after < 1.1 * joint.after) and np.isfinite(refit.state.jacobian).all()
 
 
 def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried, tmp_path, monkeypatch):
     """However much trials left out gain by it: that shows where a cloth is about to snap."""
     joint, data = late
-    found = selected[0]
-    droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
+    chosen_fit = selected[0]
+    droop, lag = (strength(chosen_fit, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
     assert min(droop, lag) > CAUSE and droop != lag
-    chosen = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, found)))
+    chosen = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, chosen_fit)))
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
-    less, more = sorted(chosen.labels, key=partial(strength, found))
+    less, more = sorted(chosen.labels, key=partial(strength, chosen_fit))
     monkeypatch.setattr("studies.model_selection.judged.CAUSE", (droop + lag) / 2)
     assert (chosen.labels, chosen.slight) == ((more,), (less,))
     monkeypatch.setattr("studies.model_selection.judged.CAUSE", 2 * max(droop, lag))
@@ -606,9 +609,9 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             say=lambda line: None,
         )  # fmt: skip
         assert task.problem(away.vector).evaluate([away.minimum])[0].misfit.rms > 2 * unhurried.after
-        found = task.alone(joint, away)
-    assert not found.vector.terms
-    assert found.after < 1.02 * unhurried.after
+        alone = task.alone(joint, away)
+    assert not alone.vector.terms
+    assert alone.after < 1.02 * unhurried.after
 
 
 def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurried):
@@ -653,36 +656,36 @@ def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
 
 
 def test_no_decoy_gains_beside_what_is_there(late, selected):
-    (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
+    (joint, data), (chosen_fit, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)
     assert decoys.taken(0.5e-3) == 0 and decoys.chance < 0.2e-3
-    lag = Judged(found, data.folds, data.noise.sigma).gains["filling_lag"][0]
+    lag = Judged(chosen_fit, data.folds, data.noise.sigma).gains["filling_lag"][0]
     # what is missing leaves structure, which decoys take less of
     assert decoys.chance < beside_nothing.chance < 0.7 * lag
 
 
 def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(late, unhurried, selected, monkeypatch):
     """Against the same done slowly, with each point."""
-    (joint, data), (found, *_) = late, selected
+    (joint, data), (chosen_fit, *_) = late, selected
     monkeypatch.setattr("optimize.fit.significance.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
-    selection = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, found)))
+    selection = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, chosen_fit)))
     _, instead = candidates_of(selection)
     # a late clock does a fifth of what the lag does, and nothing of the droop
     clocks = instead.keys() & {"dead_time", "time_offset"}
     assert clocks
-    part = found.vector.part("filling_lag")
-    kept = np.setdiff1d(np.arange(len(found.x)), part)
-    precise = found.normal.tempering * _precision(found)
-    residual = found.state.misfit.residual - found.state.jacobian[:, part] @ found.x[part]
+    part = chosen_fit.vector.part("filling_lag")
+    kept = np.setdiff1d(np.arange(len(chosen_fit.x)), part)
+    precise = chosen_fit.normal.tempering * _precision(chosen_fit)
+    residual = chosen_fit.state.misfit.residual - chosen_fit.state.jacobian[:, part] @ chosen_fit.x[part]
     for name in clocks:
         explanation = instead[name]
         assert explanation.name == f"supply_droop and {name}"
         assert explanation.vector.labels == ("supply_droop", name)
         other = joint.vector.part(name)
-        jacobian = np.concatenate([found.state.jacobian[:, kept], joint.state.jacobian[:, other]], axis=1)
-        prior = np.concatenate([found.vector.prior[kept], joint.vector.prior[other]])
-        x = np.concatenate([found.x[kept], np.zeros(len(other))])
+        jacobian = np.concatenate([chosen_fit.state.jacobian[:, kept], joint.state.jacobian[:, other]], axis=1)
+        prior = np.concatenate([chosen_fit.vector.prior[kept], joint.vector.prior[other]])
+        x = np.concatenate([chosen_fit.x[kept], np.zeros(len(other))])
         slope = jacobian.T @ precise @ residual + x / prior**2
         least = x - np.linalg.solve(jacobian.T @ precise @ jacobian + np.diag(1 / prior**2), slope)
         np.testing.assert_allclose(explanation.x, explanation.vector.inside(least), atol=1e-3 * np.abs(least).max())
@@ -712,19 +715,19 @@ def test_a_column_of_a_decoy_is_what_another_trials_motion_does_at_the_same_plac
         for x in (joint.x + step, joint.x)
     )
     change, match = _middle(moved.astype(float)) - _middle(still.astype(float)), state.misfit
-    own = np.flatnonzero(match.sample == 0)
-    largest = np.abs(table[own, part]).max()
+    first_rows = np.flatnonzero(match.sample == 0)
+    largest = np.abs(table[first_rows, part]).max()
     assert largest > 0
-    for row in own[::40]:
+    for row in first_rows[::40]:
         corners, frame = match.vertex[row] % 41**2, match.frame[row]
         time = data.samples[0].times[frame]
         other = int(np.abs(data.samples[1].times - time).argmin())
         at = match.weights[row] @ change[other][corners]
         rows = np.flatnonzero((match.sample == 1) & (match.frame == other))
         across = match.vertex[rows] % 41**2 % 41, match.vertex[rows] % 41**2 // 41
-        own_place = [match.weights[row] @ (corners % 41), match.weights[row] @ (corners // 41)]
+        place = [match.weights[row] @ (corners % 41), match.weights[row] @ (corners // 41)]
         places = np.stack([np.einsum("nc,nc->n", match.weights[rows], k) for k in across], axis=1)
-        nearest = rows[np.linalg.norm(places - own_place, axis=1).argmin()]
+        nearest = rows[np.linalg.norm(places - place, axis=1).argmin()]
         sides = [np.where(match.vertex[k, 0] < 41**2, 1.0, -1.0) for k in (row, nearest)]
         normal = match.normal[nearest] * sides[0] * sides[1]
         assert table[row, part] == pytest.approx(-at @ normal / step[part], abs=0.15 * largest)
@@ -790,39 +793,39 @@ def _middle(points):
     return 0.5 * (points[:, : points.shape[1] // 2] + points[:, points.shape[1] // 2 :])
 
 
-def _precision(found):
+def _precision(fitted):
     """(N, N) 1/m^2: block by block, the inverse of the points' covariance by noise and by errors of the inputs."""
-    normal, result = found.normal, np.zeros((len(found.normal.weights),) * 2)
-    for block in np.unique(found.state.misfit.block):
-        rows = np.flatnonzero((found.state.misfit.block == block) & (normal.weights > 0))
-        u = found.inputs.columns[rows]
+    normal, result = fitted.normal, np.zeros((len(fitted.normal.weights),) * 2)
+    for block in np.unique(fitted.state.misfit.block):
+        rows = np.flatnonzero((fitted.state.misfit.block == block) & (normal.weights > 0))
+        u = fitted.inputs.columns[rows]
         result[np.ix_(rows, rows)] = np.linalg.inv(np.diag(1 / normal.weights[rows]) + u @ u.T)
     return result
 
 
 def test_trials_left_out_are_predicted_from_the_others(late):
     """Against the same done slowly, with each trial's points."""
-    found, data = late
-    left = LeftOut.of(found, data.folds)
-    off = found.vector.part("supply_droop")
-    scored = left.scored(off)
-    free = np.setdiff1d(np.arange(len(found.x)), off)
-    sample, jacobian = found.state.misfit.sample, found.state.jacobian
-    back = np.zeros(len(found.x))
-    back[off] = -found.x[off]
-    residual = found.state.misfit.residual + jacobian @ back
-    precise = found.normal.tempering * _precision(found)
+    joint, data = late
+    left_out = LeftOut.of(joint, data.folds)
+    off = joint.vector.part("supply_droop")
+    scored = left_out.scored(off)
+    free = np.setdiff1d(np.arange(len(joint.x)), off)
+    sample, jacobian = joint.state.misfit.sample, joint.state.jacobian
+    back = np.zeros(len(joint.x))
+    back[off] = -joint.x[off]
+    residual = joint.state.misfit.residual + jacobian @ back
+    precise = joint.normal.tempering * _precision(joint)
     for out in range(len(data.samples)):
         rows = sample != out
         j = jacobian[rows][:, free]
-        whole = precise[np.ix_(rows, rows)]
-        bread = j.T @ whole @ j + np.diag(1 / found.vector.prior[free] ** 2)
-        slope = j.T @ whole @ residual[rows] + found.x[free] / found.vector.prior[free] ** 2
-        own = (sample == out) & left.kept
-        expected = residual[own] - jacobian[own][:, free] @ np.linalg.solve(bread, slope)
-        squares = found.normal.counts[own] @ np.square(np.clip(expected, -0.02, 0.02))
+        weight = precise[np.ix_(rows, rows)]
+        bread = j.T @ weight @ j + np.diag(1 / joint.vector.prior[free] ** 2)
+        slope = j.T @ weight @ residual[rows] + joint.x[free] / joint.vector.prior[free] ** 2
+        out_rows = (sample == out) & left_out.kept
+        expected = residual[out_rows] - jacobian[out_rows][:, free] @ np.linalg.solve(bread, slope)
+        squares = joint.normal.counts[out_rows] @ np.square(np.clip(expected, -0.02, 0.02))
         assert scored.squares[out] == pytest.approx(squares, rel=1e-3)
-    gain, (low, high) = left.gain(scored, left.scored(), 0.6e-3)
+    gain, (low, high) = left_out.gain(scored, left_out.scored(), 0.6e-3)
     assert low <= gain <= high and gain > 0.5e-3
 
 
@@ -847,9 +850,9 @@ def test_programs_hold_their_levels_until_the_cloth_stands():
 
 def test_programs_keep_what_the_laboratory_can_do():
     slow = RigLimits(pressure=200e3, rate=250e3, duration=2.0)
-    found = standard_programs(build("basic"), slow)
-    assert found and {*found} < {*standard_programs(build("basic"))}
-    for program in found.values():
+    programs = standard_programs(build("basic"), slow)
+    assert programs and {*programs} < {*standard_programs(build("basic"))}
+    for program in programs.values():
         assert program.duration == 2.0
         assert not program.pressure[0].any()  # a step at 0 s is none that takes time
         rates = np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)
@@ -859,7 +862,7 @@ def test_programs_keep_what_the_laboratory_can_do():
 def test_a_gain_up_and_every_channel_down_as_much_is_left_to_the_priors(monkeypatch):
     """No motion shows that direction, so neither a Jacobian by differences, whatever its noise, nor one updated says
     anything of it."""
-    few_effects(monkeypatch, "odd_muscle")
+    restrict_effects(monkeypatch, "odd_muscle")
     trial = SimpleNamespace(design=build("cross"), program=None, order=0)
     channels = trial.design.channels
     vector = fit_vector(["all"], designs=[trial.design])

@@ -72,7 +72,7 @@ def traced(
     tolerance: float = TIGHT,
 ) -> BenchOutcome:
     rng = np.random.default_rng(4)
-    records = tuple(BenchRecord(f"r{k}", made(rng, *own), {}) for k, own in enumerate(arguments))
+    records = tuple(BenchRecord(f"r{k}", made(rng, *parameters), {}) for k, parameters in enumerate(arguments))
     output = "displacement" if specimen == "actuator" else "force"
     return examine(Bench("made", specimen, (), output, {}, records), tolerance)
 
@@ -95,13 +95,13 @@ def test_on_a_cylinder_without_any_the_law_is_adequate() -> None:
     assert outcome.verdict == "adequate" and not outcome.effects
 
 
-@pytest.mark.parametrize(("creep", "found"), [(0.2, True), (-0.2, False)])
-def test_what_has_the_wrong_sign_is_no_effect(creep: float, found: bool) -> None:
+@pytest.mark.parametrize(("creep", "chosen"), [(0.2, True), (-0.2, False)])
+def test_what_has_the_wrong_sign_is_no_effect(creep: float, chosen: bool) -> None:
     """The force of a cylinder that loses some of it with time is no creep: that only ever adds."""
     outcome = traced("cylinder", cylinder, *((p, 0.0, 0.0, creep) for p in PRESSURES))
-    assert ("muscle_creep" in {effect.name for effect in outcome.effects}) == found
-    assert ("muscle_creep" in [c.name for c in outcome.candidates if c.refused]) != found
-    assert ("only with a sign that it cannot have" in as_text(outcome)) != found
+    assert ("muscle_creep" in {effect.name for effect in outcome.effects}) == chosen
+    assert ("muscle_creep" in [c.name for c in outcome.candidates if c.refused]) != chosen
+    assert ("only with a sign that it cannot have" in as_text(outcome)) != chosen
 
 
 def test_viscosity_is_found_on_a_muscle() -> None:
@@ -118,8 +118,8 @@ def test_a_muscles_law_takes_the_pressure_commanded_where_none_was_measured() ->
         BenchRecord(r.name, {"pressure_command" if k == "pressure" else k: v for k, v in r.columns.items()}, {})
         for r in measured
     ]
-    found = [LAWS["muscle"].still(pair[:1], pair[1]) for pair in (measured, commanded)]
-    np.testing.assert_array_equal(*found)
+    forces = [LAWS["muscle"].still(pair[:1], pair[1]) for pair in (measured, commanded)]
+    np.testing.assert_array_equal(*forces)
 
 
 def test_a_lag_is_found_on_an_actuator(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,13 +164,13 @@ def test_the_command_writes_what_it_found(tmp_path: Path, run: Run) -> None:
     write(tmp_path / "bench", PRESSURES)
     code, out, err = run("trace", tmp_path / "bench", "--tolerance", "0.5", "-o", tmp_path / "out", "--json")
     assert code == 0, err
-    told = json.loads(out)
-    assert told == json.loads((tmp_path / "out" / "trace.json").read_text())
-    assert told["format"] == "fabdesign.trace/1" and told["verdict"] == "effect"
-    assert told["error"]["after"]["held_out"] < told["error"]["before"]["held_out"]
-    assert [effect["name"] for effect in told["effects"]] == ["braid_hysteresis"]
-    assert [row["name"] for row in told["candidates"] if row["chosen"]] == ["braid_hysteresis"]
-    assert told["candidates"][0]["name"] == "none"  # as of a set
+    result = json.loads(out)
+    assert result == json.loads((tmp_path / "out" / "trace.json").read_text())
+    assert result["format"] == "fabdesign.trace/1" and result["verdict"] == "effect"
+    assert result["error"]["after"]["held_out"] < result["error"]["before"]["held_out"]
+    assert [effect["name"] for effect in result["effects"]] == ["braid_hysteresis"]
+    assert [row["name"] for row in result["candidates"] if row["chosen"]] == ["braid_hysteresis"]
+    assert result["candidates"][0]["name"] == "none"  # as of a set
     assert read_model(tmp_path / "out" / "model.toml").effects == ()  # its slip is a length, a muscle's none
     assert "Missing was braid hysteresis" in (tmp_path / "out" / "report.html").read_text()
 
@@ -178,20 +178,20 @@ def test_the_command_writes_what_it_found(tmp_path: Path, run: Run) -> None:
 def test_records_of_role_test_are_looked_at_once_at_the_end(tmp_path: Path, run: Run) -> None:
     write(tmp_path / "bench", (*PRESSURES, 6e5))
     command = ("trace", tmp_path / "bench", "--tolerance", "0.5", "--json")
-    whole = json.loads(run(*command, "-o", tmp_path / "whole")[1])
+    without_test = json.loads(run(*command, "-o", tmp_path / "whole")[1])
     file = tmp_path / "bench" / "bench.toml"
     file.write_text(file.read_text().replace('file = "r4.csv"', 'file = "r4.csv"\nrole = "test"'))
-    told = json.loads(run(*command, "-o", tmp_path / "out")[1])
-    error = told["error"]
+    result = json.loads(run(*command, "-o", tmp_path / "out")[1])
+    error = result["error"]
     assert error["after"]["held_out"] < 0.3 * error["before"]["held_out"]
-    assert error["before"]["fit"] != whole["error"]["before"]["fit"]  # it took no part
+    assert error["before"]["fit"] != without_test["error"]["before"]["fit"]  # it took no part
     assert error["before"]["cross_validated"] != error["before"]["held_out"]
-    assert whole["error"]["before"]["cross_validated"] == whole["error"]["before"]["held_out"]
+    assert without_test["error"]["before"]["cross_validated"] == without_test["error"]["before"]["held_out"]
     csv = tmp_path / "bench" / "r4.csv"
     header, *rows = csv.read_text().splitlines()
     csv.write_text("\n".join([header, *(f"{row.rpartition(',')[0]},0" for row in rows)]) + "\n")
     again = json.loads(run(*command, "-o", tmp_path / "again")[1])
-    assert again["candidates"] == told["candidates"] and again["effects"] == told["effects"]
+    assert again["candidates"] == result["candidates"] and again["effects"] == result["effects"]
 
 
 def test_two_records_are_refused(tmp_path: Path, run: Run) -> None:

@@ -9,7 +9,7 @@ from studies.model_selection import rules
 from studies.model_selection.judged import Decoys
 from studies.model_selection.rules import Refits, Selection, follow
 
-SURE = 0.9  # of a gain, its lower end: certain
+LOWER_END = 0.9  # of a gain, its lower end: certain
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Known:
         return self.gains_without(())
 
     def gains_without(self, dropped, asked=None):
-        return {k: (g, (SURE * g, g)) for k, g in self.gain.items() if asked is None or k in asked}
+        return {k: (g, (LOWER_END * g, g)) for k, g in self.gain.items() if asked is None or k in asked}
 
     def predicts_better(self, other, least):
         return bool(self.needed - other.gain.keys())

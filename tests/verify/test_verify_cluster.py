@@ -33,7 +33,7 @@ pytest.importorskip("distributed", reason="the extra cluster is not installed")
 def machines(folder: Path, *code: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler's address and process, and a worker that runs the code of each folder of `code`."""
     folder.mkdir(parents=True)
-    said = folder / "scheduler.json"
+    scheduler_file = folder / "scheduler.json"
 
     def started(name: str, *words: str, root: Path = ROOT) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.dask_{name}", *words, "--no-dashboard"]
@@ -41,13 +41,13 @@ def machines(folder: Path, *code: Path) -> Iterator[tuple[str, subprocess.Popen[
         with (folder / "log").open("ab") as log:
             return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
 
-    scheduler = started("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(said))
+    scheduler = started("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(scheduler_file))
     running = [scheduler]
     try:
-        while not said.exists() or not said.read_text().endswith("}"):
+        while not scheduler_file.exists() or not scheduler_file.read_text().endswith("}"):
             assert scheduler.poll() is None, (folder / "log").read_text()
             time.sleep(0.1)
-        address = json.loads(said.read_text())["address"]
+        address = json.loads(scheduler_file.read_text())["address"]
         running += [started("worker", address, "--nthreads", "1", root=root) for root in code]
         yield address, scheduler
     finally:
@@ -59,8 +59,8 @@ def machines(folder: Path, *code: Path) -> Iterator[tuple[str, subprocess.Popen[
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with machines(tmp_path_factory.mktemp("two") / "log", ROOT, ROOT) as (found, _):
-        yield found
+    with machines(tmp_path_factory.mktemp("two") / "log", ROOT, ROOT) as (scheduler_address, _):
+        yield scheduler_address
 
 
 def kill_a_worker() -> None:

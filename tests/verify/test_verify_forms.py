@@ -21,8 +21,8 @@ def shape(design, kpa=(), **factors):
     return middle(SIMULATOR.equilibria([held(design, kpa, **factors)])[0])
 
 
-def share(found, expected):
-    return float(np.max(np.abs(np.asarray(found) / expected - 1)))
+def share(simulated, expected):
+    return float(np.max(np.abs(np.asarray(simulated) / expected - 1)))
 
 
 def test_sag(record):
@@ -38,9 +38,9 @@ def test_strip(record):
     width, tension = 0.05, 26.0
     bar = linear_muscle(1e-3, 0.0, name="bar", mass_per_length=tension / G, axis_offset=0.0)
     weight = Muscle("bar", "front", 0, ((0.0, L), (width, L)), width)
-    found = shape(cloth(weight, types={"bar": bar}, width=width, areal_density=1e-3), (0,))
-    stretch = (found[15, 20, 1] - found[25, 20, 1]) / (10 * L / 40) - 1
-    narrow = (found[20, -1, 0] - found[20, 0, 0]) / width - 1
+    points = shape(cloth(weight, types={"bar": bar}, width=width, areal_density=1e-3), (0,))
+    stretch = (points[15, 20, 1] - points[25, 20, 1]) / (10 * L / 40) - 1
+    narrow = (points[20, -1, 0] - points[20, 0, 0]) / width - 1
     miss = share(stretch, tension / 520), share(narrow, -0.25 * tension / 520)
     record("strip, traction", "1 %", f"{miss[0]:.2%}")
     record("strip, lateral contraction", "5 %", f"{miss[1]:.2%}")
@@ -62,8 +62,8 @@ def test_sheet_pushed_at_45_degrees(record):
         struts.append(Muscle("strut", "front", 0, ends, 1.0))
     types = {"strut": MuscleType("strut", 0.002, 0.0, 0.0, table)}
     nothing = {"gravity": (0.0, 0.0, 0.0), "hung": "none"}
-    found = shape(cloth(*struts, types=types, **nothing), (0,))
-    diagonal = np.linalg.norm(found[10, 30] - found[30, 10]) / (0.1 * np.sqrt(2)) - 1
+    points = shape(cloth(*struts, types=types, **nothing), (0,))
+    diagonal = np.linalg.norm(points[10, 30] - points[30, 10]) / (0.1 * np.sqrt(2)) - 1
     compliance = (1 / 520 + 1 / 520 - 2 * 0.25 / 520 + 1 / 130) / 4
     expected = force * np.sqrt(2) / spacing * compliance
     miss = share(diagonal, expected)
@@ -74,8 +74,8 @@ def test_sheet_pushed_at_45_degrees(record):
 def test_cantilever(record):
     # z(L) = w L^4 / 8 B
     w = 0.1
-    found = shape(cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), support="clamped"))
-    miss = share(-found[-1, :, 2], w * L**4 / (8 * 0.006))
+    points = shape(cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), support="clamped"))
+    miss = share(-points[-1, :, 2], w * L**4 / (8 * 0.006))
     record("cantilever, tip", "3 %", f"{miss:.2%}")
     assert miss < 0.03
 
@@ -84,8 +84,8 @@ def test_fixed_fixed(record):
     # z(L/2) = w L^4 / 384 B; two held rows at each end clamp it half a spacing inside the second
     w, h = 0.5, L / 40
     rows = tuple((u, v) for v in (0.0, h, L - h, L) for u in np.linspace(0, L, 41))
-    found = shape(cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), hung=rows))
-    miss = share(-found[20, :, 2], w * (L - h) ** 4 / (384 * 0.006))
+    points = shape(cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), hung=rows))
+    miss = share(-points[20, :, 2], w * (L - h) ** 4 / (384 * 0.006))
     record("fixed-fixed, middle", "3 %", f"{miss:.2%}")
     assert miss < 0.03
 
@@ -104,8 +104,8 @@ def test_heavy_elastica(record):
     theta = solved.sol(s)[0]
     along, down = np.trapezoid(np.cos(theta), s), np.trapezoid(np.sin(theta), s)
     # the clamp holds the plane z = 0 with v down: gravity along z
-    found = shape(cloth(poisson=0.0, gravity=(0.0, 0.0, -G), support="clamped", membrane_stiffness=(5200.0, 5200.0)))
-    tip = found[-1].mean(0)
+    points = shape(cloth(poisson=0.0, gravity=(0.0, 0.0, -G), support="clamped", membrane_stiffness=(5200.0, 5200.0)))
+    tip = points[-1].mean(0)
     miss = float(np.hypot(-tip[1] - along, abs(tip[2]) - abs(down)) / L)
     record("heavy elastica, tip over length", "2.5 %", f"{miss:.2%}")
     assert solved.success and miss < 0.025
@@ -146,8 +146,8 @@ def test_contraction_under_load(load, record):
         for kpa in pressures
     ]
     cases = [held(design, (kpa, 100.0)) for kpa in pressures]
-    found = [middle(shape) for shape in SIMULATOR.equilibria(cases)]
-    contraction = [1 - np.linalg.norm(x[14, 20] - x[6, 20]) / (8 * L / 40) for x in found]
+    shapes = [middle(shape) for shape in SIMULATOR.equilibria(cases)]
+    contraction = [1 - np.linalg.norm(x[14, 20] - x[6, 20]) / (8 * L / 40) for x in shapes]
     worst = np.abs(np.subtract(contraction, expected)).max()  # NaN stays
     record(f"contraction under {load:g} N, 50-400 kPa", "0.3 points", f"{100 * worst:.2f} points")
     assert worst < 0.003
@@ -188,8 +188,8 @@ def test_one_sided_strip(record):
         _, curvature = fsolve(balance, [-0.02, 1.0])
         line = shape(strip(["front"]), (kpa,))[10:31, 20]
         tangent = np.unwrap(np.arctan2(*np.diff(line[:, [2, 1]], axis=0).T))
-        found = abs(tangent[-1] - tangent[0]) / (19 * L / 40)
-        misses.append(share(found, abs(curvature)))
+        simulated = abs(tangent[-1] - tangent[0]) / (19 * L / 40)
+        misses.append(share(simulated, abs(curvature)))
     worst = np.max(misses)  # NaN stays
     record("one-sided strip, curvature", "5 %", f"{worst:.2%}")
     both = shape(strip(["front", "back"]), (100.0, 100.0))

@@ -86,8 +86,8 @@ def test_turned_about_the_vertical(record):
     turned = replace(
         turned, muscles=tuple(replace(m, side="back" if m.side == "front" else "front") for m in turned.muscles)
     )
-    found = motion(held(turned, KPA))[:, :, ::-1] * (-1, 1, -1)
-    worst = float(np.abs(found - motion(held(design, KPA))).max())
+    image = motion(held(turned, KPA))[:, :, ::-1] * (-1, 1, -1)
+    worst = float(np.abs(image - motion(held(design, KPA))).max())
     record("scene turned about the vertical by half a turn", "1e-4 m", f"{worst:.1e} m")
     assert worst < 1e-4
 
@@ -162,8 +162,8 @@ def test_refinement_in_space_of_a_bare_sheet(record):
         start = np.zeros((n, n, 3))
         start[..., 2] = 0.5 * np.outer(np.linspace(0, 1, n) ** 2, 1 + 0.5 * np.linspace(-1, 1, n))
         simulator = Simulator(points_per_side=n, calm_steps=8, iterations=20, tolerance=3e-8)
-        found = thrown(simulator, replace(laced(support="clamped"), muscles=()), start, times)
-        shapes[n] = found[:, :: (n - 1) // 20, :: (n - 1) // 20]
+        frames = thrown(simulator, replace(laced(support="clamped"), muscles=()), start, times)
+        shapes[n] = frames[:, :: (n - 1) // 20, :: (n - 1) // 20]
     order = np.log2(rms(shapes[21], shapes[41]) / rms(shapes[41], shapes[81]))
     record("refinement in space, bare sheet, 21, 41, 81: order", "1.5", f"{order:.2f}")
     assert order > 1.5
@@ -190,7 +190,7 @@ def test_crosses_that_snap(record):
         cases.append(Case(design, PressureProgram(np.array([0.0, 0.25, 0.75]), pressure, 1.5)))
     times = np.arange(1, 91) / 60
     first = tried_once(Simulator(), cases, [times] * len(cases))
-    lost = sum(found.diverged is not None for found in first)
+    lost = sum(result.diverged is not None for result in first)
     record("64 crosses at 0-600 kPa, diverged at the first try", "6", f"{lost}")
     assert lost <= 6
 
@@ -218,13 +218,13 @@ def test_200_random_designs(drawn):
     motions = simulator.run(cases, [times] * len(cases))
     alone = simulator.run([calm], [times])[0]
     assert np.array_equal(motions[0].points, alone.points)
-    for found in motions:
-        if found.diverged is None:
-            assert np.isfinite(found.points).all() and np.isfinite(found.tension).all()
+    for result in motions:
+        if result.diverged is None:
+            assert np.isfinite(result.points).all() and np.isfinite(result.tension).all()
         else:
-            when, (row, column) = found.diverged
+            when, (row, column) = result.diverged
             assert when in times and 0 <= row < 21 and 0 <= column < 21
-        _outcomes["finite" if found.diverged is None else "diverged"] += 1
+        _outcomes["finite" if result.diverged is None else "diverged"] += 1
 
 
 def test_random_designs_recorded(record):

@@ -38,9 +38,9 @@ def test_modes(record):
         start = 2e-3 * 2 * np.pi * expected * mode  # m/s: an amplitude of 2 mm
         frames = thrown(SIMULATOR, design, np.stack([0 * mode, 0 * mode, start], axis=-1), times)
         signal = np.einsum("tij,ij->t", frames[..., 2], mode * width[:, None] * width) * np.hanning(len(times))
-        found = frequency[np.argmax(np.abs(np.fft.rfft(signal, 16 * len(times))))]
-        record(f"hanging sheet, mode {k}", "3 %", f"{abs(found / expected - 1):.2%}")
-        assert found == pytest.approx(expected, rel=0.03)
+        peak = frequency[np.argmax(np.abs(np.fft.rfft(signal, 16 * len(times))))]
+        record(f"hanging sheet, mode {k}", "3 %", f"{abs(peak / expected - 1):.2%}")
+        assert peak == pytest.approx(expected, rel=0.03)
 
 
 def test_energy_of_an_unforced_sheet(record):
@@ -75,7 +75,7 @@ def test_free_sheet_keeps_its_momentum(axis, record):
     linear = np.abs((mass * v).sum(1)).max() / (mass * np.abs(v)).sum((1, 2)).max()
     arm = arm.reshape(-1, 3)
     start = (mass * np.cross(arm, np.cross(axis, arm))).sum(0)
-    found = (mass * np.cross(x[1:-1] - x[1:-1].mean(1, keepdims=True), v)).sum(1)
-    angular = np.abs(found - start).max() / np.linalg.norm(start)
+    momentum = (mass * np.cross(x[1:-1] - x[1:-1].mean(1, keepdims=True), v)).sum(1)
+    angular = np.abs(momentum - start).max() / np.linalg.norm(start)
     record(f"free sheet spinning about {axis}, momentum, 1.5 s", "1e-3", f"{linear:.1e}, {angular:.1e}")
     assert linear < 1e-3 and angular < 1e-3

@@ -5,7 +5,7 @@ import pytest
 from fabdesign.effects.registry import EFFECTS
 
 
-def few_effects(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+def restrict_effects(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """That "all" means these."""
     monkeypatch.setattr(
         "optimize.fit.free_parameters.EFFECTS", {name: EFFECTS[name] for name in (*names, "discovered")}
