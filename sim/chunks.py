@@ -16,7 +16,6 @@ from fabdesign.nouns.forward import Case
 from sim.equilibrium import damped, is_free, swings_to_rest
 from sim.forces.added import AddedForce
 from sim.forces.contact import Touching
-from sim.forces.lead import LEAD
 from sim.grid import Support
 from sim.kernels.fields import LANES
 from sim.loading import load
@@ -111,8 +110,8 @@ def laid(chunk: Chunk, n: int, self_contact: bool) -> Batch:
 
 
 def every_force() -> tuple[AddedForce, ...]:
-    """Return the forces of all effects, and of what leads: one kernel serves them all, and values make them zero."""
-    return (*dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None), LEAD)
+    """Return the forces of all effects: one kernel serves them all, and what leads; values make them zero."""
+    return tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))
 
 
 def has_added_force(case: Case) -> bool:

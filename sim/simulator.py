@@ -32,7 +32,7 @@ from sim.step import Solve, advance
 from sim.tangent.explicit import LaneColumns, MovedCases
 from sim.tangent.motion import balance_of, pressures_until, solve_in_motion
 from sim.tangent.shapes import Jacobian, Share, Solved, completed, faces_changes, share_out, solve_at_rest, together
-from sim.time_steps import Jumps, Steps, jumps_of, steps_of, ticks_until
+from sim.time_steps import LED, Jumps, Steps, jumps_of, steps_of, ticks_until
 
 Solves = Callable[[Chunk, list[Share]], list[Solved]]
 
@@ -121,12 +121,12 @@ class Simulator(Settings):
         """Return the motions of a chunk in the fields, by the places of its cases. steps, ways: of all cases."""
         n, wanted = self.points_per_side, [steps[i] for i in chunk.places]
         schedule, begins = of_motions(batch, chunk.packed, wanted, tick=self.time_step, rho=self.rho)
-        leads, before = [ways[i].lead for i in chunk.places], None
+        leads, lead = [ways[i].lead for i in chunk.places], None
         if any(leads):
             batch = replace(batch, added=every_force())
             instants = [one.evaluated(self.time_step, self.rho) for one in wanted]
-            before = leading(batch.grid, chunk.packed, leads, instants)
-        shapes, states = advance(batch, schedule, self.solve(batch), frames=int(begins[-1]), before=before)
+            schedule.scheme[:, :, LED], lead = leading(batch.grid, chunk.packed, leads, instants)
+        shapes, states = advance(batch, schedule, self.solve(batch), frames=int(begins[-1]), lead=lead)
         motions = {}
         for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
             frames = slice(begins[k], begins[k + 1])

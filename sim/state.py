@@ -90,7 +90,7 @@ PLANES: list[Plane] = [
     _node("hv", "m/s", WORK, "v = cv (q - x0) + hv"),
     _node("ha", "m/s^2", WORK, "a = ca (q - x0) + ha"),
     _node("f", "N", WORK, "forces - M a"),
-    _node("lead", "m", CARRIED, "where springs lead the cloth (sim/forces/lead.py)"),
+    _node("lead", "m", WORK, "where springs lead the cloth (sim/forces/lead.py)"),
     _node("carried", "N", CARRIED, "residual that the step before left, and that acts in this one"),
     # conjugate gradients
     _node("r", "N", WORK, "residual"),

@@ -12,7 +12,6 @@ then is, a force, acts in the next step: errors of the solve cancel instead of a
 """
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +21,10 @@ from numpy.typing import NDArray
 from sim.forces.added import AddedForce, age_stress, relaxes, remember
 from sim.forces.cloth import fabric_force, velocities
 from sim.forces.contact import contact
+from sim.forces.lead import Places, lead_to, pull_ahead
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, indices, ints
+from sim.kernels.fields import LANES, SPREAD, WIDE, F, Timed, X, floats, indices, ints
 from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
 from sim.schedule import FACTORISED, IDLE, Batch, Schedule
@@ -37,6 +37,8 @@ from sim.solver.muscles import woodbury
 from sim.time_steps import AF, AM, BA, CARRIED, GAMMA, IA, KNOWN, RY, H
 
 AT_ONCE = 64  # steps in one call of the kernel: an interrupt waits for its end
+AT_ONCE_LED = 16  # whose places are in memory together
+NOWHERE = np.zeros((1, 1, 1, WIDE), np.float32)
 
 
 @dataclass(frozen=True)
@@ -49,25 +51,24 @@ class Solve:
 
 
 def advance(
-    batch: Batch, schedule: Schedule, solve: Solve, *, frames: int = 0, before: Callable[[int], None] | None = None
+    batch: Batch, schedule: Schedule, solve: Solve, *, frames: int = 0, lead: Places | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Advance all lanes by the steps of `schedule`. Returns its `frames` frames: (frames, nu nv, 3) m, mid-surface, and
-    (frames, points, 2), contraction and tension [N] of every interval. before: called before each step, with its
-    number."""
+    (frames, points, 2), contraction and tension [N] of every interval. lead: gives where springs lead in steps begin to
+    end (sim/forces/lead.py)."""
     shapes = np.full((max(frames, 1), batch.nu * batch.nv, 3), np.nan, np.float32)
     states = np.zeros((max(frames, 1), max(batch.points, 1), 2), np.float32)
     kernel = _advance(solve.added)
     steps = len(schedule.work)
-    at_once = 1 if batch.touching or before else AT_ONCE
+    at_once = 1 if batch.touching else AT_ONCE_LED if lead else AT_ONCE
     for begin in range(0, steps, at_once):
-        if before:
-            before(begin)
-        part = schedule.part(begin, min(begin + at_once, steps))
+        end = min(begin + at_once, steps)
+        part, places = schedule.part(begin, end), lead(begin, end) if lead else NOWHERE
         if batch.touching:
             batch.touching.refresh(batch.blocks, part.scheme[0, :, H].ravel())
         kernel(
             *batch.grid, batch.points, batch.support, batch.smoothing, solve.iterations, part.frame_updates,
-            solve.tolerance, part.scheme, part.work, part.pressure, part.first, part.theta, shapes, states,
+            solve.tolerance, part.scheme, part.work, part.pressure, part.first, part.theta, places, shapes, states,
         )  # fmt: skip
     if schedule.halts:
         halt(*batch.grid)
@@ -82,7 +83,7 @@ def _advance(added: tuple[AddedForce, ...]) -> Timed:
     def advance_kernel(
         nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
         iterations: ti.i32, frame_updates: ti.i32, tolerance: ti.f32, scheme: floats(4), work: ints(2),
-        pressure: floats(4), first: ints(3), theta: floats(1), shapes: floats(3), states: floats(3),
+        pressure: floats(4), first: ints(3), theta: floats(1), places: floats(4), shapes: floats(3), states: floats(3),
     ):  # fmt: skip
         for task in range(nb * SPREAD):
             if task % SPREAD == 0:
@@ -94,7 +95,7 @@ def _advance(added: tuple[AddedForce, ...]) -> Timed:
                             kept = ti.max(kept, ti.min(1, first[m + 1, b, lane] - first[m, b, lane]))
                         step(
                             b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, added,
-                            work, scheme, pressure,
+                            work, scheme, pressure, places,
                         )  # fmt: skip
                         for lane in range(LANES):
                             frame = first[m, b, lane]
@@ -116,7 +117,7 @@ def _cloth_remembers(added: tuple[AddedForce, ...]) -> bool:
 @ti.func
 def step(
     b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, added: ti.template(),
-    work: ti.template(), scheme: ti.template(), pressure: ti.template(),
+    work: ti.template(), scheme: ti.template(), pressure: ti.template(), places: ti.template(),
 ):  # fmt: skip
     """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
     has converged has moved since. So is memory, and nothing that has none. added: forces of effects."""
@@ -126,6 +127,7 @@ def step(
         green(b, nu, nv, npt)
     predict(b, nu, nv)
     if ti.static(len(added) > 0):
+        lead_to(b, m, (nu + 2) * (nv + 2), places)
         kept = 1
     i = 0
     last = iterations
@@ -144,6 +146,9 @@ def step(
             if ti.static(callable(force.cloth)):  # noqa: SIM102 decided when the kernel is compiled
                 if i <= last or ti.static(force.has_cloth_memory):
                     force.cloth(b, nu, nv, npt)
+        if ti.static(len(added) > 0):  # noqa: SIM102 decided when the kernel is compiled
+            if i <= last:
+                pull_ahead(b, nu, nv)
         if i == 0:
             first_residual(b, nu, nv)
         elif i <= last:

@@ -29,8 +29,9 @@ ENTRIES = {
     "KNOWN": "share of the acceleration before the step in its first guess",
     "CARRIED": "share of the residual that the step leaves that acts in the next one",
     "AGES": "time by which memory ages [s]",
+    "LED": "share of the springs and dampers that lead (sim/forces/lead.py)",
 }
-H, AM, AF, GAMMA, IA, RY, BA, CA, CV, KNOWN, CARRIED, AGES = range(len(ENTRIES))
+H, AM, AF, GAMMA, IA, RY, BA, CA, CV, KNOWN, CARRIED, AGES, LED = range(len(ENTRIES))
 
 
 class Integrator(Enum):
@@ -82,7 +83,7 @@ class Scheme:
         known = GOES_ON if self.rule is Integrator.GENERALISED_ALPHA else 0.0
         carried = 0.0 if not support.is_edge and self.rule is Integrator.BACKWARD_EULER else 1.0
         ages = self.h if self.ages is None else self.ages
-        return *self.coefficients, self.ca, self.cv, known, carried, ages
+        return *self.coefficients, self.ca, self.cv, known, carried, ages, 0.0
 
 
 AFTER_JUMP = ((1 / 240, 1), (1 / 40, 2), (1 / 15, 4))  # s after a large jump, ticks of a step until then

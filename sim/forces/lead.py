@@ -5,63 +5,68 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import SPRINGS
 from fabdesign.nouns.lead import DAMPERS, Lead, share
-from sim.forces.added import AddedForce
-from sim.kernels.fields import LANES, F, indices
-from sim.kernels.transfer import put
+from sim.kernels.fields import LANES, WIDE, F, indices
 from sim.kernels.vectors import sum3, thrice
-from sim.loading import by_blocks, ringed
-from sim.state import LOADED, Plane
+from sim.loading import ringed
+from sim.time_steps import LED
 
-AT_ONCE = 64  # steps, whose places are made together
+Places = Callable[[int, int], NDArray[np.float32]]  # of steps begin to end
 
 
 @ti.func
-def _pull(b, nu, nv, npt):
+def leads(b):
+    """Return the largest share of the lanes' springs in a step."""
     most = ti.f32(0.0)
     for lane in indices(LANES):
-        most = ti.max(most, F.node[b, F.led + nu + 3][lane])  # of all nodes alike
-    if most > 0.0:
+        most = ti.max(most, F.scheme[b, LED][lane])
+    return most
+
+
+@ti.func
+def lead_to(b, m, nodes, places: ti.template()):
+    """Put where springs lead the cloth in step m."""
+    if leads(b) > 0.0:
+        for k in indices(nodes):
+            for c in indices(WIDE):
+                F.node3[b, F.lead + k][c] = places[m, b, k, c]
+
+
+@ti.func
+def pull_ahead(b, nu, nv):
+    if leads(b) > 0.0:
         for j in range(nv):
             for i in indices(nu):
                 k = (j + 1) * (nu + 2) + i + 1
                 normal = F.node3[b, F.n + k]
                 off = SPRINGS * (F.node3[b, F.lead + k] - F.node3[b, F.q + k]) - DAMPERS * F.node3[b, F.v + k]
-                along = F.node[b, F.led + k] * F.node[b, F.mass + k] * sum3(off * normal)
+                along = F.scheme[b, LED] * F.node[b, F.mass + k] * sum3(off * normal)
                 F.node3[b, F.f + k] += thrice(along) * normal
-
-
-LEAD = AddedForce(
-    cloth=_pull, planes=(Plane("led", "node", "1", LOADED, "share of the springs and dampers that lead"),)
-)
 
 
 def leading(
     grid: tuple[int, int, int], lanes: Sequence[int], leads: Sequence[Lead | None], instants: Sequence[Array]
-) -> Callable[[int], None]:
-    """Return what puts into the fields where springs lead in a step, by its number. grid: blocks, nu, nv. lanes: which
-    of the leads each has; None leads nowhere. instants: (S,) s of each, at which its steps are evaluated."""
+) -> tuple[Array, Places]:
+    """Return (S, blocks, LANES), the share of the springs in each step, and what gives (steps, blocks, nodes, WIDE) m,
+    where they lead in steps begin to end. grid: blocks, nu, nv. lanes: which of the leads each has; None leads nowhere.
+    instants: (up to S,) s of each, at which its steps are evaluated; a lane goes on as in its last."""
     blocks, nu, nv = grid
-    at_once: list[tuple[Array, Array]] = []
+    steps = max(map(len, instants))
+    shares = np.zeros((steps, len(leads)))
+    for i, (lead, times) in enumerate(zip(leads, instants, strict=True)):
+        if lead is not None:
+            shares[:, i] = np.pad(share(times), (0, steps - len(times)), mode="edge")
 
-    def put_before(step: int) -> None:
-        k = step % AT_ONCE
-        if k == 0:
-            numbers = step + np.arange(AT_ONCE)
-            each = [some[np.minimum(numbers, len(some) - 1)] for some in instants]
-            at_once[:] = [_places(lead, times, (nv, nu, 3)) for lead, times in zip(leads, each, strict=True)]
-        place = ringed(np.array([at_once[i][0][k] for i in lanes]))
-        led = np.repeat([[at_once[i][1][k]] for i in lanes], (nv + 2) * (nu + 2), axis=1)
-        put(blocks, {"lead": place, "led": by_blocks(led.astype(np.float32))})
+    def places(begin: int, end: int) -> NDArray[np.float32]:
+        each = np.zeros((len(leads), end - begin, nv, nu, 3))
+        for i, (lead, times) in enumerate(zip(leads, instants, strict=True)):
+            if lead is not None:
+                each[i] = lead.ahead(times[np.minimum(np.arange(begin, end), len(times) - 1)])
+        of_lanes = each[[*lanes]].swapaxes(0, 1)
+        return np.array([ringed(step).reshape(blocks, -1, WIDE) for step in of_lanes])
 
-    return put_before
-
-
-def _places(lead: Lead | None, times: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return (T, n, n, 3) m where a lead pulls to, and (T,) the share of its springs."""
-    if lead is None:
-        return np.zeros((len(times), *shape)), np.zeros(len(times))
-    return lead.ahead(times), share(times)
+    return shares[:, [*lanes]].reshape(steps, blocks, LANES), places
