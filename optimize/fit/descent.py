@@ -93,26 +93,17 @@ class _Descent:
         self.reached: Callable[[], Fit] | None = None
 
     def fit(self, progress: Progress) -> Fit:
-        """Fit all rows by the first steps and, where these leave little enough, the last ones; then with the finer
-        engine if any."""
+        """Fit all rows by the first steps and, where these leave little enough, the last ones."""
         problem, policy, by_jacobian = self.problem, self.policy, self.start.jacobian is None
-        coarse = self.problem = problem.coarse
-        rows, finer = parts(progress, 1.0 if coarse is problem else 0.5)
-        first, second = parts(rows, 1.0 if policy.end is None else 0.5)
+        first, second = parts(progress, 1.0 if policy.end is None else 0.5)
         best = self._best_start()
-        self.state = begun(coarse, best, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
+        self.state = begun(problem, best, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
         begin = replace(policy.begin, exact_end=policy.begin.exact_end and by_jacobian)
         self._descend(begin, "", first, len(self.state.x) if by_jacobian else 0)
         if policy.end is not None:
             wrong = self.state.misfit.rms > constants.WRONG * problem.expected
             end = replace(policy.begin, exact_end=policy.end.exact_end) if wrong else policy.end
             self._descend(end, "", second)
-        if coarse is not problem:  # grids differ by less than a model does: one step is usual
-            self.problem, jacobian = problem, self.state.jacobian
-            evaluation, sheet = problem.evaluate([self.state.x, np.zeros(len(self.state.x))])
-            self.before, self.state = sheet.misfit.rms, problem.with_jacobian(evaluation, jacobian)
-            last = policy.finer or policy.end or policy.begin
-            self._descend(replace(last, exact_end=False), "finer grid, ", finer)
         return self._concluded(self.ended or "iterations")()
 
     def _best_start(self) -> Evaluation:

@@ -32,12 +32,10 @@ class FitStage:
 @dataclass(frozen=True)
 class Policy:
     """How a fit goes on and ends. begin: the first steps on all rows. end: those after them; None: another fit goes on.
-    finer: the last ones, of a problem with a finer engine; None: such as those before. hopeless: m RMS: where the
-    minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where steps that gain too little
-    leave no more, no Jacobian is made anew."""
+    hopeless: m RMS: where the minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where
+    steps that gain too little leave no more, no Jacobian is made anew."""
 
     begin: FitStage
-    finer: FitStage | None = None
     end: FitStage | None = None
     hopeless: float = np.inf
     content: float = 0.0

@@ -73,11 +73,6 @@ class Problem:
         """Return the change (N, k) of each residual by k steps (k, p) of the unknowns."""
         raise NotImplementedError
 
-    @property
-    def coarse(self) -> "Problem":
-        """Return the problem on the engine that the descent goes by: its own unless it has a cheaper one."""
-        return self
-
     def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
         """Return what errors of the inputs do; None where they are exact."""
         return None
@@ -141,11 +136,6 @@ class FitProblem(Problem):
     accuracy: Accuracy | None = None
     expected: float = np.inf
 
-    @property
-    def coarse(self) -> "FitProblem":
-        """Return the problem on the engine of differences."""
-        return self if self.slopes == self.forward else replace(self, forward=self.slopes)
-
     @cached_property
     def idle(self) -> Array:
         """Return a factor up, and every choice of an effect that adds up to it down as much."""
@@ -170,22 +160,22 @@ class FitProblem(Problem):
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
         """Return the change of each residual, (N, k) m, from the evaluation's motions to k times a case a sample, by
         how the mid-surface moves."""
-        base, match = evaluation.sheets, evaluation.misfit
+        base, match, count, parts = evaluation.sheets, evaluation.misfit, len(self.samples), []
         assert isinstance(match, Match)
         face = isqrt(base[0].points.shape[1] // 2)
         if self.slopes != self.forward:
-            cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
-            base = sheets_of(self.slopes)(cases, self._times)
-        nodes, parts = nodes_of(match, base[0].middle.shape[1], face), []
-        at_once = max(1, _AT_ONCE // len(self.samples))
+            others = [[self.vector.case(s.trial, evaluation.x) for s in self.samples], *others]
+            base = ()
+        at_once = max(1, _AT_ONCE // count)
         for first in range(0, len(others), at_once):
             some = others[first : first + at_once]
             moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
+            if not base:
+                base, moved = moved[:count], moved[count:]
             changes = [
-                np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
-                for s, sheet in enumerate(base)
+                np.array([other.middle - sheet.middle for other in moved[s::count]]) for s, sheet in enumerate(base)
             ]
-            parts.append(derivatives(match, nodes, changes))
+            parts.append(derivatives(match, nodes_of(match, base[0].middle.shape[1], face), changes))
         return np.concatenate(parts, axis=1)
 
     def input_errors(self, evaluation: Evaluation) -> InputErrors | None:

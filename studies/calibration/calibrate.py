@@ -16,7 +16,7 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, UNSURE, Policy
+from optimize.fit.policy import CLOSE, DECLARED_ALONE, UNSURE, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_in_balance, starts_of
@@ -30,14 +30,14 @@ from studies.measured.used_frames import find_used_frames
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 # last steps of many unknowns gain less than the noise of their differences promises, at minutes each
-_MANY_UNKNOWNS = replace(ROUGH, finer=replace(CLOSE, slight=UNSURE.slight, far=UNSURE.far))
+_MANY_UNKNOWNS = Policy(UNSURE, end=replace(CLOSE, slight=UNSURE.slight, far=UNSURE.far))
 _IN_BALANCE = 0.3  # of the work, where factors alone are fitted
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """Options of a calibration. slopes: a cheaper simulator, for first steps and derivatives. coarse: a cheap one that
+    """Options of a calibration. slopes: a cheaper simulator, for derivatives and frames in balance. coarse: a cheap one that
     finds sensitive stretches; they are left out. Without it they are not looked for. points_per_side: of the
     simulator's grid, noted in the model. orders: of the trials fitted; None: those of role `fit`. skipped: lines on bad
     trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds. engines: (p,) standard

@@ -1,7 +1,7 @@
 """`fabdesign trace SET`: one trace from a measurement set to its files."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named, effects_of
 from fabdesign.errors import InputError
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.model import Model
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import LEAST_TRIALS, MeasurementSet, Trial
 from fabdesign.output import work_folder
@@ -18,6 +18,7 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
+from studies.fitting.fits import fit_in_balance, starts_of
 from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import TRIALS, fit_trials, of_each_design
@@ -30,10 +31,10 @@ from studies.tracing.candidates import candidates_of, discover, same_from_rest
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of, noise_floor
 from studies.tracing.residual_analysis import errors_of_trials, remains
-from studies.tracing.selection import select
+from studies.tracing.selection import every_unknown, select
 from studies.tracing.task import Task
 
-ALGORITHM = 32  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 33  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
@@ -76,10 +77,12 @@ def trace_set(
     _check(options.known)
     with work_folder(out, made_by="trace", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, _content(measured, every, options))
+        finer: ForwardModel | None = None
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(options.grid or GRID, calm_steps=CALM_STEPS)
+            finer = None if options.grid else Simulator(POINTS_PER_SIDE, calm_steps=CALM_STEPS)
 
         def searching(done: int, total: int) -> None:
             say(f"stretches near a bifurcation: {done} of {total} motions")
@@ -92,9 +95,10 @@ def trace_set(
                 f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"
             )
         known, fitted = options.known, {trial.design_name for trial in data.trials}
+        model = Predictor(forward, Model(effects=known.effects), sensing=True)
         task = Task(
             data=data,
-            forward=Predictor(forward, Model(effects=known.effects), sensing=True),
+            forward=model,
             tolerance=options.tolerance,
             factors=known.factors,
             known=[effect.name for effect in known.effects],
@@ -102,7 +106,7 @@ def trace_set(
             say=say,
             elsewhere=of_each_design([t for t in measured.trials if t.design_name not in fitted], ELSEWHERE),
         )
-        outcome = _outcome(task, every, options)
+        outcome = _outcome(task, None if finer is None else replace(model, simulator=finer), every, options)
         from studies.tracing.report import render_report  # here: pages are heavy
 
         with work.adding() as files:
@@ -110,10 +114,15 @@ def trace_set(
     return outcome
 
 
-def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
-    """Return what the selection of effects comes to. every: trials fitted, and those of role test, looked at once."""
-    data, known = task.data, options.known
-    selection = select(task)
+def _outcome(task: Task, finer: Predictor | None, every: Sequence[Trial], options: Options) -> Outcome:
+    """Return what the selection of effects comes to. finer: the model on a finer grid, taken where that matters. every:
+    trials fitted, and those of role test, looked at once."""
+    data, known, vector = task.data, options.known, every_unknown(task)
+    balanced = fit_in_balance(data, task.fits, vector)
+    if finer is not None:
+        task = task.refined(finer, (vector, starts_of(vector, balanced)[0]))
+    grid = options.grid or (GRID if task.slopes is None else POINTS_PER_SIDE)
+    selection = select(task, vector, balanced)
     remainder = remains(Residuals.of(data, selection.chosen), selection.folds)
     evidence = _evidence(selection, data, max(remainder.shares.values()))
     verdict = decide(evidence, options.tolerance)
@@ -127,7 +136,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
     task.say("what to measure next")
-    model = model_of(final.fit, selection, data, points_per_side=options.grid or GRID, known=known.effects)
+    model = model_of(final.fit, selection, data, points_per_side=grid, known=known.effects)
     named = {}
     if verdict == "effect":
         terms = dict(zip(final.fit.vector.labels, model.effects[len(known.effects) :], strict=True))
@@ -190,7 +199,11 @@ def _experiment(
         fits = chosen if instead else {**chosen, **fits}
     explanations = [Explanation(name, fit.vector, fit.x) for name, fit in fits.items()]
     return next_experiment(
-        data.trials[0].design, task.forward, [*explanations, *instead], data.noise.sigma, data.sets[0].rig_limits
+        data.trials[0].design,
+        task.slopes or task.forward,
+        [*explanations, *instead],
+        data.noise.sigma,
+        data.sets[0].rig_limits,
     )
 
 

@@ -18,7 +18,7 @@ from optimize.fit.policy import DECLARED_ALONE, ROUGH
 from optimize.fit.problem import widened
 from optimize.fit.relevance import evidence
 from optimize.fit.significance import NEEDED, cost, needed
-from studies.fitting.fits import fit_in_balance, starts_of, worth_fitting
+from studies.fitting.fits import starts_of, worth_fitting
 from studies.fitting.fitted_model import expected_rms
 from studies.model_selection.judged import certain_drift
 from studies.model_selection.rules import ON_SETS, Selection, follow
@@ -28,13 +28,15 @@ from studies.tracing.task import Task
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
 
 
-def select(task: Task) -> Selection:
-    """Select effects by one joint fit: those that it has evidence for are fitted with their shapes. Then rules drop
-    what trials left out gain too little by."""
-    vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
-    factors = vector.without_effects
-    balanced = fit_in_balance(task.data, task.fits, vector)
-    starts = starts_of(vector, balanced)
+def every_unknown(task: Task) -> FitVector:
+    """Return the declared parameters and all effects but those that the model has already."""
+    return without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
+
+
+def select(task: Task, vector: FitVector, balanced: Fit | None) -> Selection:
+    """Select effects by one joint fit of a vector: those that it has evidence for are fitted with their shapes. Then
+    rules drop what trials left out gain too little by. balanced: what frames in balance say."""
+    factors, starts = vector.without_effects, starts_of(vector, balanced)
     inputs = task.input_errors(vector, starts[0])
     hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", factors, FitStart(starts_of(factors, balanced), inputs=inputs), hopeful)

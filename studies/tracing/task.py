@@ -12,6 +12,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel, Term
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Arrays, Checkpoint
+from fabdesign.units import in_mm
 from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
 from optimize.fit.misfit import CLOUDS
@@ -27,6 +28,7 @@ from studies.model_selection.judged import Decoys, Judged, decoys_beside
 from studies.model_selection.rules import Refits
 from studies.model_selection.verdict import GROSS
 
+GRID = 0.5  # of the tolerance, by which a finer grid may move what is left
 # A step is the last that promises less, in log likelihood, than a quarter of what makes an effect needed.
 _LAST = FitStage(slight=0.01, least=LITTLE, exact_end=False)
 ASKED = Policy(_LAST)
@@ -37,9 +39,10 @@ Place = tuple[FitVector, Array]  # a vector, and where in it a model is
 
 @dataclass(frozen=True, eq=False)
 class Task(Refits):
-    """The data and model of a trace, and its fits, also those that rules ask for (`rules.Refits`). factors: where they
-    start. known: effects that the model has and keeps as they are. elsewhere: trials of layouts that none of the fitted
-    has, for their designs and pressures, not their clouds."""
+    """The data and model of a trace, and its fits, also those that rules ask for (`rules.Refits`). slopes: a cheaper
+    engine, for derivatives and frames in balance. factors: where they start. known: effects that the model has and
+    keeps as they are. elsewhere: trials of layouts that none of the fitted has, for their designs and pressures, not
+    their clouds."""
 
     data: MeasuredData
     forward: ForwardModel
@@ -49,6 +52,7 @@ class Task(Refits):
     checkpoint: Checkpoint
     say: Callable[[str], None]
     elsewhere: Sequence[Trial] = ()
+    slopes: ForwardModel | None = None
 
     @property
     def floor(self) -> float:
@@ -74,7 +78,24 @@ class Task(Refits):
     @property
     def fits(self) -> Fits:
         """Return how its fits are made."""
-        return Fits(self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of)
+        return Fits(self.forward, self.tolerance, self.slopes, self.checkpoint, self._progress_of)
+
+    def refined(self, finer: ForwardModel, place: Place) -> "Task":
+        """Return the task with motions of a finer engine, where those move what is left at a place by more than GRID of
+        the tolerance; derivatives stay those of its own."""
+        vector, x = place
+
+        def there() -> Arrays:
+            ends = [replace(self, forward=one).problem(vector).evaluate([x])[0] for one in (self.forward, finer)]
+            apart = ends[1].misfit.residual - ends[0].misfit.residual
+            return {"apart": np.sqrt(np.square(np.fmin(np.abs(apart), CLOUDS.largest)).mean())}
+
+        apart = float(self.checkpoint.arrays("grid", there)["apart"])
+        goes_on = apart > GRID * self.tolerance
+        self.say(
+            f"a finer grid moves the cloth by {in_mm(apart):.2f} mm; the {'finer' if goes_on else 'coarse'} is taken"
+        )
+        return replace(self, forward=finer, slopes=self.forward) if goes_on else self
 
     def _progress_of(self, named: str, vector: FitVector) -> Progress:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
