@@ -37,8 +37,8 @@ _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """Options of a calibration. slopes: a cheaper simulator, for derivatives and frames in balance. coarse: a cheap one that
-    finds sensitive stretches; they are left out. Without it they are not looked for. points_per_side: of the
+    """Options of a calibration. slopes: a cheaper simulator, for derivatives and frames in balance. coarse: a cheap one
+    that finds sensitive stretches; they are left out. Without it they are not looked for. points_per_side: of the
     simulator's grid, noted in the model. orders: of the trials fitted; None: those of role `fit`. skipped: lines on bad
     trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds. engines: (p,) standard
     deviations of the unknowns for the difference between the simulator and what made the data, by default those of the

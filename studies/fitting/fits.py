@@ -27,8 +27,8 @@ from studies.measured.fit_data import MeasuredData
 @dataclass(frozen=True, eq=False)
 class Fits:
     """How fits are made. tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for
-    derivatives and frames in balance. progress_of: the progress of the fit of a name and a vector. last: the policy of the last of
-    several fits."""
+    derivatives and frames in balance. progress_of: the progress of the fit of a name and a vector. last: the policy of
+    the last of several fits."""
 
     forward: ForwardModel
     tolerance: float

@@ -198,13 +198,8 @@ def _experiment(
         chosen = {" and ".join(effects_of(selection.labels)): selection.chosen}
         fits = chosen if instead else {**chosen, **fits}
     explanations = [Explanation(name, fit.vector, fit.x) for name, fit in fits.items()]
-    return next_experiment(
-        data.trials[0].design,
-        task.slopes or task.forward,
-        [*explanations, *instead],
-        data.noise.sigma,
-        data.sets[0].rig_limits,
-    )
+    forward, limits = task.slopes or task.forward, data.sets[0].rig_limits
+    return next_experiment(data.trials[0].design, forward, [*explanations, *instead], data.noise.sigma, limits)
 
 
 def _content(measured: MeasurementSet, trials: Sequence[Trial], options: Options) -> dict[str, str]:

@@ -91,11 +91,10 @@ class Task(Refits):
             return {"apart": np.sqrt(np.square(np.fmin(np.abs(apart), CLOUDS.largest)).mean())}
 
         apart = float(self.checkpoint.arrays("grid", there)["apart"])
-        goes_on = apart > GRID * self.tolerance
-        self.say(
-            f"a finer grid moves the cloth by {in_mm(apart):.2f} mm; the {'finer' if goes_on else 'coarse'} is taken"
-        )
-        return replace(self, forward=finer, slopes=self.forward) if goes_on else self
+        if apart <= GRID * self.tolerance:
+            return self
+        self.say(f"the finer grid is taken: it moves what is left by {in_mm(apart):.2f} mm")
+        return replace(self, forward=finer, slopes=self.forward)
 
     def _progress_of(self, named: str, vector: FitVector) -> Progress:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
