@@ -788,6 +788,37 @@ def test_models_are_compared_on_the_layout_where_they_differ_most(late, tmp_path
     assert replace(task, elsewhere=()).differs_elsewhere(one, other) == 0
 
 
+class Shifted(Curler):
+    """A finer grid, on which the cloth lies lower; counts its motions."""
+
+    def __init__(self, down):
+        self.down, self.count = down, 0
+
+    def _motion(self, case, times):
+        self.count += 1
+        return super()._motion(case, times) - np.float32([0, self.down, self.down])
+
+
+def test_a_finer_grid_is_taken_where_it_moves_what_is_left(late, tmp_path):
+    """By more than half of the tolerance; differences stay those of the coarse one. A trace that goes on knows it."""
+    joint, data = late
+    lines, place = [], (joint.vector, joint.x)
+    coarse = Predictor(Curler(), Model(), sensing=True)
+    slight, far = (replace(coarse, simulator=Shifted(down)) for down in (0.1e-3, 1e-3))
+    for finer in (slight, far):
+        with work_folder(tmp_path / str(finer.simulator.down), made_by="trace") as work:
+            task = Task(data, coarse, 0.5e-3, {}, [], Checkpoint(work, {}), say=lines.append)
+            taken = task.refined(finer, place)
+            assert (taken is task) == (finer is slight) and finer.simulator.count == len(data.samples)
+            assert task.refined(finer, place).forward is taken.forward and finer.simulator.count == len(data.samples)
+    assert taken.forward is far and taken.slopes is coarse and taken.fits.coarse.forward is coarse
+    [line, _] = lines
+    moved = float(line.removeprefix("the finer grid is taken: it moves what is left by ").removesuffix(" mm"))
+    assert 0.3 < moved < 1.5
+    below = taken.problem(joint.vector).evaluate([joint.x])[0].misfit.residual
+    assert np.sqrt(np.square(below - joint.state.misfit.residual).mean()) == pytest.approx(1e-3 * moved, rel=0.02)
+
+
 def _middle(points):
     """(T, n, 3) m, of two faces."""
     return 0.5 * (points[:, : points.shape[1] // 2] + points[:, points.shape[1] // 2 :])
