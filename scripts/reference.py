@@ -46,7 +46,6 @@ THRESHOLDS = {
         Threshold("studies/measured", "TRIALS", "trials used, at most"),
         Threshold("fabdesign/nouns", "LEAST_TRIALS", "trials with different pressures, at least"),
         Threshold("studies/measured", "GRID", "grid of the simulator (`--grid`)", "points a side"),
-        Threshold("studies/tracing", "FINER", "41 points are taken where they move it by more", "times the tolerance"),
         Threshold("optimize/fit/balance.py", "FRAMES", "frames of a trial in balance"),
         Threshold("optimize/fit/balance.py", "WIDEST", "time that five frames around one may span", "s"),
         Threshold("optimize/fit", "NEEDED", "an effect that there is less evidence for is dropped", "log likelihood"),

@@ -19,7 +19,7 @@ Places = Callable[[int, int], NDArray[np.float32]]  # of steps begin to end
 
 
 @ti.func
-def leads(b):
+def largest_share(b):
     """Return the largest share of the lanes' springs in a step."""
     most = ti.f32(0.0)
     for lane in indices(LANES):
@@ -30,7 +30,7 @@ def leads(b):
 @ti.func
 def lead_to(b, m, nodes, places: ti.template()):
     """Put where springs lead the cloth in step m."""
-    if leads(b) > 0.0:
+    if largest_share(b) > 0.0:
         for k in indices(nodes):
             for c in indices(WIDE):
                 F.node3[b, F.lead + k][c] = places[m, b, k, c]
@@ -38,7 +38,7 @@ def lead_to(b, m, nodes, places: ti.template()):
 
 @ti.func
 def pull_ahead(b, nu, nv):
-    if leads(b) > 0.0:
+    if largest_share(b) > 0.0:
         for j in range(nv):
             for i in indices(nu):
                 k = (j + 1) * (nu + 2) + i + 1

@@ -28,7 +28,6 @@ from studies.model_selection.judged import Decoys, Judged, decoys_beside
 from studies.model_selection.rules import Refits
 from studies.model_selection.verdict import GROSS
 
-FINER = 0.5  # of the tolerance, by which a finer grid may move what is left
 # A step is the last that promises less, in log likelihood, than a quarter of what makes an effect needed.
 _LAST = FitStage(slight=0.01, least=LITTLE, exact_end=False)
 ASKED = Policy(_LAST)
@@ -81,8 +80,8 @@ class Task(Refits):
         return Fits(self.forward, self.tolerance, self.slopes, self.checkpoint, self._progress_of)
 
     def refined(self, finer: ForwardModel, place: Place) -> "Task":
-        """Return the task with motions of a finer engine, where those move what is left at a place by more than FINER
-        of the tolerance; derivatives stay those of its own."""
+        """Return the task with motions of a finer engine, where those move what is left at a place by more than the
+        tolerance; derivatives stay those of its own."""
         vector, x = place
 
         def there() -> Arrays:
@@ -91,7 +90,7 @@ class Task(Refits):
             return {"apart": np.sqrt(np.square(np.fmin(np.abs(apart), CLOUDS.largest)).mean())}
 
         apart = float(self.checkpoint.arrays("grid", there)["apart"])
-        if apart <= FINER * self.tolerance:
+        if apart <= self.tolerance:
             return self
         self.say(f"the finer grid is taken: it moves what is left by {in_mm(apart):.2f} mm")
         return replace(self, forward=finer, slopes=self.forward)

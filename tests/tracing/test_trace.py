@@ -800,7 +800,7 @@ class Shifted(Curler):
 
 
 def test_a_finer_grid_is_taken_where_it_moves_what_is_left(late, tmp_path):
-    """By more than half of the tolerance; differences stay those of the coarse one. A trace that goes on knows it."""
+    """By more than the tolerance; differences stay those of the coarse one. A trace that goes on knows it."""
     joint, data = late
     lines, place = [], (joint.vector, joint.x)
     coarse = Predictor(Curler(), Model(), sensing=True)
