@@ -16,7 +16,7 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import CLOSE, DECLARED_ALONE, UNSURE, Policy
+from optimize.fit.policy import DECLARED_ALONE, ROUGH, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_in_balance, starts_of
@@ -29,8 +29,6 @@ from studies.measured.used_frames import find_used_frames
 
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
-# last steps of many unknowns gain less than the noise of their differences promises, at minutes each
-_MANY_UNKNOWNS = Policy(UNSURE, end=replace(CLOSE, slight=UNSURE.slight, far=UNSURE.far))
 _IN_BALANCE = 0.3  # of the work, where factors alone are fitted
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
@@ -122,8 +120,9 @@ def _drawn(
 
 
 def _last(vector: FitVector) -> Policy:
-    """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > MANY else DECLARED_ALONE
+    """Return how the last fit of a vector goes: last steps of many unknowns gain less than the noise of their
+    differences promises, at minutes each."""
+    return ROUGH if len(vector.parameters) > MANY else DECLARED_ALONE
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
