@@ -16,7 +16,7 @@ from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.misfit import ROWS, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
-_AT_ONCE = 192  # motions in memory
+AT_ONCE = 192  # motions in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class FitProblem(Problem):
         if self.slopes != self.forward:
             others = [[self.vector.case(s.trial, evaluation.x) for s in self.samples], *others]
             base = ()
-        at_once = max(1, _AT_ONCE // count)
+        at_once = max(2, AT_ONCE // count)  # the place itself and a column
         for first in range(0, len(others), at_once):
             some = others[first : first + at_once]
             moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)

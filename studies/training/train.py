@@ -30,7 +30,7 @@ from studies.prediction.evaluate import errors_of
 from studies.training.data import Chosen, KeptMotions, Progress, TrainingOptions, case_of, choose, fitted_base
 from studies.training.networks import train_field, train_paper
 
-ALGORITHM = 17  # of what an unfinished training keeps: raised where it is no longer what this code would compute
+ALGORITHM = 18  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from studies.unseen.result import Measurement, PoseResult, UnseenResult, UnsewnR
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
-ALGORITHM = 16  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 17  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(

@@ -18,6 +18,7 @@ from fabdesign.nouns.forward import PARAMETERS, Term
 from fabdesign.nouns.model import NORMAL90, EffectTerm, Model, Quantity
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Accuracy
+from optimize.fit import problem as problems
 from optimize.fit.clouds import Sample, derivatives, match, nodes_of
 from optimize.fit.descent import FitStart, fit
 from optimize.fit.free_parameters import fit_vector
@@ -328,7 +329,7 @@ def test_model_error_widens_intervals(measured, monkeypatch):
     assert wrong > 0.9 * np.median([width(0.2, seed) for seed in range(4)])
 
 
-def test_the_fine_engine_has_the_last_word(measured):
+def test_the_fine_engine_has_the_last_word(measured, monkeypatch):
     """An engine of differences that is right at the data sheet and nowhere else leads to the other's minimum."""
 
     class Asked(Curler):
@@ -345,6 +346,10 @@ def test_the_fine_engine_has_the_last_word(measured):
     # where it begins, then steps and parts of them; no differences, which the other makes, with the place beside them
     assert set(fine.batches) == {trials, 2 * trials}
     assert set(slopes.batches) == {(1 + 7) * trials}
+    monkeypatch.setattr(problems, "AT_ONCE", 1)
+    slopes.batches.clear()
+    two_by_two = calibrate(exact(measured), fine, options=CalibrationOptions(slopes=slopes)).model.factors
+    assert two_by_two == mended and set(slopes.batches) == {2 * trials}
 
 
 def test_one_frame_of_a_cloth_at_rest_leaves_the_data_sheet(tmp_path):
