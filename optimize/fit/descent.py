@@ -99,11 +99,11 @@ class _Descent:
         best = self._best_start()
         self.state = begun(problem, best, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
         begin = replace(policy.begin, exact_end=policy.begin.exact_end and by_jacobian)
-        self._descend(begin, "", first, len(self.state.x) if by_jacobian else 0)
+        self._descend(begin, first, len(self.state.x) if by_jacobian else 0)
         if policy.end is not None:
             wrong = self.state.misfit.rms > constants.WRONG * problem.expected
             end = replace(policy.begin, exact_end=policy.end.exact_end) if wrong else policy.end
-            self._descend(end, "", second)
+            self._descend(end, second)
         return self._concluded(self.ended or "iterations")()
 
     def _best_start(self) -> Evaluation:
@@ -117,11 +117,11 @@ class _Descent:
         self.before = evaluations[-1].misfit.rms
         return best
 
-    def _descend(self, stage: FitStage, line: str, progress: Progress, exact: int = 0) -> None:
+    def _descend(self, stage: FitStage, progress: Progress, exact: int = 0) -> None:
         """Go on to where a stage ends."""
         self.exact, self.damping = exact, 0.0
         for k in range(1, constants.ITERATIONS + 1):
-            progress(f"{line}iteration {k}: {in_mm(self.state.misfit.rms):.3f} mm RMS", k / (k + 2))
+            progress(f"iteration {k}: {in_mm(self.state.misfit.rms):.3f} mm RMS", k / (k + 2))
             self.reached = self._concluded("interrupted")
             self.ended = self._iterate(stage)
             self.iterations += 1

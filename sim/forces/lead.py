@@ -56,16 +56,16 @@ def leading(
     instants: (up to S,) s of each, at which its steps are evaluated; a lane goes on as in its last."""
     blocks, nu, nv = grid
     steps = max(map(len, instants))
+    at = [np.pad(times, (0, steps - len(times)), mode="edge") for times in instants]
+    led = {i: (lead, times) for i, (lead, times) in enumerate(zip(leads, at, strict=True)) if lead is not None}
     shares = np.zeros((steps, len(leads)))
-    for i, (lead, times) in enumerate(zip(leads, instants, strict=True)):
-        if lead is not None:
-            shares[:, i] = np.pad(share(times), (0, steps - len(times)), mode="edge")
+    for i, (_, times) in led.items():
+        shares[:, i] = share(times)
 
     def places(begin: int, end: int) -> NDArray[np.float32]:
         each = np.zeros((len(leads), end - begin, nv, nu, 3))
-        for i, (lead, times) in enumerate(zip(leads, instants, strict=True)):
-            if lead is not None:
-                each[i] = lead.ahead(times[np.minimum(np.arange(begin, end), len(times) - 1)])
+        for i, (lead, times) in led.items():
+            each[i] = lead.ahead(times[begin:end])
         of_lanes = each[[*lanes]].swapaxes(0, 1)
         return np.array([ringed(step).reshape(blocks, -1, WIDE) for step in of_lanes])
 

@@ -195,7 +195,7 @@ def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: floa
     """Return the capped RMS of all trials at x (p,), m. known: of those that `plain` was fitted to."""
     if len(plain.by_trial) == len(data.trials):
         return known
-    return replace(fits, slopes=None).problem(data, plain.vector).evaluate([x])[0].misfit.rms
+    return fits.problem(data, plain.vector).evaluate([x])[0].misfit.rms
 
 
 def _require_names(sets: Sequence[MeasurementSet]) -> None:

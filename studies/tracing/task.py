@@ -15,7 +15,7 @@ from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.units import in_mm
 from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
-from optimize.fit.misfit import CLOUDS
+from optimize.fit.misfit import CLOUDS, capped
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import DECLARED_ALONE, LITTLE, STEP, FitStage, Policy
@@ -87,7 +87,7 @@ class Task(Refits):
         def there() -> Arrays:
             ends = [replace(self, forward=one).problem(vector).evaluate([x])[0] for one in (self.forward, finer)]
             apart = ends[1].misfit.residual - ends[0].misfit.residual
-            return {"apart": np.sqrt(np.square(np.fmin(np.abs(apart), CLOUDS.largest)).mean())}
+            return {"apart": np.array(capped(np.nan_to_num(apart, nan=CLOUDS.largest), CLOUDS.largest))}
 
         apart = float(self.checkpoint.arrays("grid", there)["apart"])
         if apart <= self.tolerance:
